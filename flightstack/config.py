@@ -1,0 +1,143 @@
+"""A drone's configuration file, typed. Unknown keys are refused; every limit has its unit in its name."""
+
+from __future__ import annotations
+
+import pathlib
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta
+
+from mission.documents import DocumentError, parse
+from mission.frames import Geodetic
+from mission.geofence import Geofence
+
+Positive = Annotated[float, Meta(gt=0.0)]
+NotNegative = Annotated[float, Meta(ge=0.0)]
+Fraction = Annotated[float, Meta(ge=0.0, le=1.0)]
+DroneId = Annotated[int, Meta(ge=1, le=250)]
+"""Also the MAVLink system id of the drone's autopilot."""
+
+
+class Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A part of a configuration file."""
+
+
+class SwarmConfig(Section):
+    name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]+$")]
+    members: Annotated[tuple[DroneId, ...], Meta(min_length=1)]
+    """All drones of the survey in the order in which they take the formation's slots."""
+    listen: tuple[str, ...] = ()
+    """zenoh endpoints that this node listens on: "tcp/10.0.0.3:7447"."""
+    connect: tuple[str, ...] = ()
+    """zenoh endpoints of peers or the ground station to connect to; unreachable ones are tried again."""
+    tls: TlsConfig | None = None
+
+
+class TlsConfig(Section):
+    """Mutual TLS between the nodes: each has a certificate signed by the swarm's own authority."""
+
+    authority: str
+    certificate: str
+    private_key: str
+
+
+class AutopilotConfig(Section):
+    link: str
+    """As pymavlink writes it: "/dev/ttypixhawk,115200", "udpin:127.0.0.1:14541", "tcp:127.0.0.1:5760"."""
+    flavour: Literal["auto", "ardupilot", "px4"] = "auto"
+    """"auto" believes the autopilot's own heartbeat."""
+    ready_timeout_s: Positive = 180.0
+    """How long to wait until the autopilot is ready to arm; a cold GPS takes minutes."""
+    parameters: dict[str, float] = {}
+    """Autopilot parameters to set and read back before the first arming."""
+
+
+class InstrumentConfig(Section):
+    name: str
+    type: str
+    """"sba5", "trisonica", …: `flightstack sensors list` names them."""
+    port: str
+    """As pyserial's serial_for_url takes it ("/dev/ttysba5", "socket://127.0.0.1:9001"); "mavlink" for
+    instruments whose readings come through the autopilot."""
+    baud: int | None = None
+    """None: the instrument's usual rate."""
+    options: dict[str, Any] = {}
+    """What only this type knows, checked by its driver."""
+
+
+class FormationConfig(Section):
+    layout: Literal["hexagonal", "rings"] = "hexagonal"
+    spacing_m: Positive = 10.0
+    """Distance between tree neighbours (the paper's r_max); the radio must reach it."""
+    radio_range_m: Positive | None = None
+    """How far the radio reaches for certain; None: `spacing_m`."""
+    above_home_m: Positive = 10.0
+    """The common altitude of the formation over the origin of the swarm's frame."""
+    layer_gap_m: Positive = 5.0
+    """Vertical distance between drones that cross each other's way while forming up and going home."""
+    layers: Annotated[int, Meta(ge=1)] = 5
+
+
+class LimitsConfig(Section):
+    speed_mps: Positive = 5.0
+    climb_mps: Positive = 2.0
+    descent_mps: Positive = 1.5
+    acceleration_mps2: Positive = 2.0
+    separation_m: Positive = 4.0
+    """No two flying drones may come nearer than this (the paper's r_min)."""
+    floor_above_home_m: NotNegative = 2.0
+    ceiling_above_home_m: Positive = 60.0
+    fence_margin_m: NotNegative = 3.0
+    """The guard keeps this distance from every fence line."""
+    peer_lost_s: Positive = 3.0
+    """Silence after which a member counts as lost."""
+    ground_lost_s: Positive | None = None
+    """Silence of the ground station after which the survey is aborted; None: the swarm goes on without it."""
+    position_stale_s: Positive = 1.0
+    """Age of the own position above which the drone holds."""
+    battery_return_fraction: Fraction = 0.25
+    """The drone announces its own failure and goes home below this."""
+
+
+class StrategyConfig(Section):
+    name: str = "locus"
+    parameters: dict[str, Any] = {}
+    """Keyword arguments of the strategy, checked by it; `docs/` lists them."""
+
+
+class DroneConfig(Section):
+    drone: DroneId
+    swarm: SwarmConfig
+    origin: Geodetic
+    """Origin of the swarm's local frame, the same for all members; altitudes "above home" are above it."""
+    autopilot: AutopilotConfig
+    instruments: tuple[InstrumentConfig, ...] = ()
+    formation: FormationConfig = FormationConfig()
+    limits: LimitsConfig = LimitsConfig()
+    geofence: Geofence | None = None
+    strategy: StrategyConfig = StrategyConfig()
+    seed: int = 0
+    """Seed of the strategy's randomness; all members share it."""
+    record_to: str = "flights"
+    """Directory for recordings and logs, made if absent."""
+    speedup: Positive = 1.0
+    """1 in real flights. Simulated flights may run faster; all processes must be given the same."""
+    tick_hz: Positive = 10.0
+
+
+def load(path: str | pathlib.Path) -> DroneConfig:
+    """Read and check a drone's file. `DocumentError` says in one line what is wrong and how to mend it."""
+    file = str(path)
+    try:
+        text = pathlib.Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DocumentError(file, f"cannot be read: {error}") from error
+    config = parse(text, DroneConfig, file)
+    if config.drone not in config.swarm.members:
+        raise DocumentError(file, f"drone {config.drone} is not in swarm.members {list(config.swarm.members)}", field="drone")
+    if len(set(config.swarm.members)) != len(config.swarm.members):
+        raise DocumentError(file, "a drone's id stands twice; every drone needs its own", field="swarm.members")
+    if config.limits.floor_above_home_m >= config.limits.ceiling_above_home_m:
+        raise DocumentError(file, "the floor is not below the ceiling", field="limits.floor_above_home_m")
+    return config

@@ -1,0 +1,1 @@
+"""The ground station: fleet view, failure monitor, commands, plans, recording."""

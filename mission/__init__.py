@@ -1,0 +1,1 @@
+"""What to do: pure decisions, geometry and plans. No I/O, no clock, no hidden randomness."""

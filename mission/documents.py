@@ -1,0 +1,92 @@
+"""Text to typed, checked data: the one reader for every YAML file of the project.
+
+Unknown keys, wrong types and impossible values end in one `DocumentError` that names the file, the line, the
+field and what would be right.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any, TypeVar
+
+import msgspec
+import yaml
+
+T = TypeVar("T")
+
+
+class DocumentError(ValueError):
+    """A file that a person wrote says something that cannot be. Its text is one line: where, what, how to mend."""
+
+    def __init__(self, file: str, problem: str, *, line: int | None = None, field: str | None = None) -> None:
+        place = file if line is None else f"{file}:{line}"
+        super().__init__(f"{place}: {field}: {problem}" if field else f"{place}: {problem}")
+        self.file = file
+        self.line = line
+        self.field = field
+
+
+class _Loader(yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader):  # type: ignore[misc]
+    """YAML that refuses a key given twice: the second would silently win."""
+
+
+def _mapping(loader: Any, node: yaml.MappingNode) -> dict[Any, Any]:
+    loader.flatten_mapping(node)
+    seen: dict[Any, int] = {}
+    for key_node, _ in node.value:
+        key = loader.construct_object(key_node, deep=True)
+        if not isinstance(key, str | int | float | bool):
+            raise yaml.constructor.ConstructorError(None, None, "a key must be a word", key_node.start_mark)
+        if key in seen:
+            raise yaml.constructor.ConstructorError(None, None, f"the key {key!r} stands twice", key_node.start_mark)
+        seen[key] = key_node.start_mark.line
+    return {loader.construct_object(k, deep=True): loader.construct_object(v, deep=True) for k, v in node.value}
+
+
+_Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping)
+
+
+def parse(text: str, kind: type[T], file: str) -> T:
+    """Read YAML `text` (of the file named `file`) as a `kind`, a msgspec struct that forbids unknown fields."""
+    try:
+        raw = yaml.load(text, Loader=_Loader)  # noqa: S506 (a subclass of the safe loader)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        problem = getattr(error, "problem", None) or str(error).splitlines()[0]
+        raise DocumentError(file, problem, line=mark.line + 1 if mark else None) from error
+    if raw is None:
+        raise DocumentError(file, "the file is empty")
+    try:
+        return msgspec.convert(raw, kind)
+    except msgspec.ValidationError as error:
+        problem, path = _split(str(error))
+        raise DocumentError(file, problem, line=line_of(text, path), field=path or None) from error
+
+
+def _split(message: str) -> tuple[str, str]:
+    """msgspec's "problem - at `$.a.b[0]`" as (problem, "a.b[0]"), the unknown key included in the path."""
+    problem, _, where = message.partition(" - at `")
+    path = where.rstrip("`").removeprefix("$").removeprefix(".")
+    unknown = re.search(r"unknown field `(.+?)`", problem)
+    if unknown:
+        path = f"{path}.{unknown[1]}" if path else unknown[1]
+        problem = "unknown key; remove it or correct its spelling"
+    return problem, path
+
+
+def line_of(text: str, path: str) -> int | None:
+    """The line (from 1) where the field `path` ("drones[2].link") stands in YAML `text`, or its nearest parent."""
+    node = yaml.compose(text, Loader=yaml.SafeLoader)
+    line: int | None = None
+    for name, index in re.findall(r"([^.\[\]]+)|\[(\d+)\]", path):
+        if isinstance(node, yaml.MappingNode) and name:
+            match = next(((k, v) for k, v in node.value if k.value == name), None)
+            if match is None:
+                break
+            line, node = match[0].start_mark.line + 1, match[1]
+        elif isinstance(node, yaml.SequenceNode) and index and int(index) < len(node.value):
+            node = node.value[int(index)]
+            line = node.start_mark.line + 1
+        else:
+            break
+    return line

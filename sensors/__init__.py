@@ -1,0 +1,1 @@
+"""Instruments: bytes to samples, and samples to estimates with honest uncertainty."""

@@ -1,0 +1,67 @@
+"""What instruments say, whatever their make."""
+
+from __future__ import annotations
+
+import enum
+from typing import Protocol
+
+import msgspec
+
+from mission.frames import Vector3
+
+
+class InstrumentState(enum.StrEnum):
+    SILENT = "silent"
+    """Nothing has come for longer than the instrument's period allows, or its port is gone."""
+    WARMING = "warming"
+    ZEROING = "zeroing"
+    MEASURING = "measuring"
+    ERROR = "error"
+
+
+class Sample(msgspec.Struct, frozen=True):
+    """One message of an instrument. Values are present only where they are valid (`state` measuring)."""
+
+    time_s: float
+    """When it was received, on the receiver's clock."""
+    instrument: str
+    """The configured name of the instrument, "co2" or "anemometer_top"."""
+    state: InstrumentState
+    status: str = ""
+    """The instrument's own status code, as sent."""
+    reason: str = ""
+    """Why there is no value, in words an operator understands; empty where there is one."""
+    co2_ppm: float | None = None
+    wind_body_mps: Vector3 | None = None
+    """Where the air goes relative to the airframe: forward, right, down. The drone's own motion is still in it."""
+    wind_ned_mps: Vector3 | None = None
+    """Where the air goes relative to the ground, from sources that already removed the drone's motion."""
+    wind_sd_mps: float | None = None
+    """Standard deviation per horizontal axis, where the source states it."""
+    pressure_pa: float | None = None
+    temperature_c: float | None = None
+
+
+class Instrument(Protocol):
+    """The sans-IO side of an instrument: bytes in, samples out, bytes to send. It never opens anything.
+
+    Any byte string in any chunking must be accepted: garbage gives no sample, or one whose state and reason
+    tell what is wrong, never a wrong number.
+    """
+
+    name: str
+    kind: str
+
+    def connected(self, now_s: float) -> bytes:
+        """The port was opened (again): forget partial input; returns what to send first."""
+        ...
+
+    def disconnected(self, now_s: float, reason: str) -> list[Sample]:
+        """The port is gone: returns a sample in state SILENT that tells why."""
+        ...
+
+    def receive(self, now_s: float, data: bytes) -> list[Sample]: ...
+
+    def poll(self, now_s: float) -> tuple[bytes, list[Sample]]:
+        """Called every tick: bytes to send now, and samples that time alone causes (SILENT after a time-out)."""
+        ...

@@ -1,0 +1,1 @@
+"""The world: simulated vehicles, instruments, wind, plumes, trials and whole simulated surveys."""
