@@ -14,7 +14,7 @@ class Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     """A part of a configuration file."""
 
 
-class WindConfig(Section):
+class WindConfig(Section, frozen=True, kw_only=True):
     speed_mps: Annotated[float, Meta(ge=0.0, le=30.0)] = 3.0
     from_deg: Annotated[float, Meta(ge=0.0, le=360.0)] = 90.0
     """Where the mean wind comes from, degrees clockwise from north."""
@@ -22,7 +22,7 @@ class WindConfig(Section):
     gust_time_s: Annotated[float, Meta(gt=0.0)] = 5.0
 
 
-class GaussianPlume(Section, tag="gaussian", tag_field="type"):
+class GaussianPlume(Section, frozen=True, kw_only=True, tag="gaussian", tag_field="type"):
     """The physical plume: stack height, reflection at the ground, spread growing downwind from a vent of some width."""
 
     source_north_m: float
@@ -34,7 +34,7 @@ class GaussianPlume(Section, tag="gaussian", tag_field="type"):
     """Standard deviation of the plume's cross-section at the vent."""
 
 
-class LocusGridPlume(Section, tag="locus-grid", tag_field="type"):
+class LocusGridPlume(Section, frozen=True, kw_only=True, tag="locus-grid", tag_field="type"):
     """The plume of the LoCUS paper's experiments: a 200 m by 40 m grid of values in [0, 1], downwind to the north."""
 
     source_north_m: float
@@ -44,14 +44,14 @@ class LocusGridPlume(Section, tag="locus-grid", tag_field="type"):
     """What a value of 1 stands for."""
 
 
-class EmulatedInstrument(Section):
+class EmulatedInstrument(Section, frozen=True, kw_only=True):
     name: str
     type: str
     port: str
     """"HOST:PORT" of the TCP socket that the instrument's bytes come out of (agents open socket://HOST:PORT)."""
 
 
-class VehicleSpec(Section):
+class VehicleSpec(Section, frozen=True, kw_only=True):
     id: Annotated[int, Meta(ge=1, le=250)]
     flavour: Literal["ardupilot", "px4"] = "ardupilot"
     home_north_m: float = 0.0
@@ -63,7 +63,7 @@ class VehicleSpec(Section):
     """Parameters that differ from the flavour's defaults."""
 
 
-class FaultSpec(Section):
+class FaultSpec(Section, frozen=True, kw_only=True):
     """Something that goes wrong, `at_s` seconds of simulated time after the first take-off."""
 
     drone: int
@@ -75,7 +75,7 @@ class FaultSpec(Section):
     """When it mends itself; None: never."""
 
 
-class FleetConfig(Section):
+class FleetConfig(Section, frozen=True, kw_only=True):
     origin: Geodetic
     vehicles: Annotated[tuple[VehicleSpec, ...], Meta(min_length=1)]
     wind: WindConfig = WindConfig()
