@@ -23,7 +23,7 @@ class Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     """A part of a configuration file."""
 
 
-class SwarmConfig(Section):
+class SwarmConfig(Section, frozen=True, kw_only=True):
     name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]+$")]
     members: Annotated[tuple[DroneId, ...], Meta(min_length=1)]
     """All drones of the survey in the order in which they take the formation's slots."""
@@ -34,7 +34,7 @@ class SwarmConfig(Section):
     tls: TlsConfig | None = None
 
 
-class TlsConfig(Section):
+class TlsConfig(Section, frozen=True, kw_only=True):
     """Mutual TLS between the nodes: each has a certificate signed by the swarm's own authority."""
 
     authority: str
@@ -42,7 +42,7 @@ class TlsConfig(Section):
     private_key: str
 
 
-class AutopilotConfig(Section):
+class AutopilotConfig(Section, frozen=True, kw_only=True):
     link: str
     """As pymavlink writes it: "/dev/ttypixhawk,115200", "udpin:127.0.0.1:14541", "tcp:127.0.0.1:5760"."""
     flavour: Literal["auto", "ardupilot", "px4"] = "auto"
@@ -53,7 +53,7 @@ class AutopilotConfig(Section):
     """Autopilot parameters to set and read back before the first arming."""
 
 
-class InstrumentConfig(Section):
+class InstrumentConfig(Section, frozen=True, kw_only=True):
     name: str
     type: str
     """"sba5", "trisonica", …: `flightstack sensors list` names them."""
@@ -66,7 +66,7 @@ class InstrumentConfig(Section):
     """What only this type knows, checked by its driver."""
 
 
-class FormationConfig(Section):
+class FormationConfig(Section, frozen=True, kw_only=True):
     layout: Literal["hexagonal", "rings"] = "hexagonal"
     spacing_m: Positive = 10.0
     """Distance between tree neighbours (the paper's r_max); the radio must reach it."""
@@ -79,7 +79,7 @@ class FormationConfig(Section):
     layers: Annotated[int, Meta(ge=1)] = 5
 
 
-class LimitsConfig(Section):
+class LimitsConfig(Section, frozen=True, kw_only=True):
     speed_mps: Positive = 5.0
     climb_mps: Positive = 2.0
     descent_mps: Positive = 1.5
@@ -100,13 +100,13 @@ class LimitsConfig(Section):
     """The drone announces its own failure and goes home below this."""
 
 
-class StrategyConfig(Section):
+class StrategyConfig(Section, frozen=True, kw_only=True):
     name: str = "locus"
     parameters: dict[str, Any] = {}
     """Keyword arguments of the strategy, checked by it; `docs/` lists them."""
 
 
-class DroneConfig(Section):
+class DroneConfig(Section, frozen=True, kw_only=True):
     drone: DroneId
     swarm: SwarmConfig
     origin: Geodetic
