@@ -132,9 +132,8 @@ def locus_grid(perturbed: bool) -> Floats:
     x_m = (np.arange(round(LOCUS_LENGTH_M / LOCUS_CELL_M)) + 0.5)[:, None] * LOCUS_CELL_M
     y_m = (np.arange(round(LOCUS_WIDTH_M / LOCUS_CELL_M)) + 0.5)[None, :] * LOCUS_CELL_M - LOCUS_WIDTH_M / 2.0
     xs, ys = x_m / 5.0, y_m / 5.0
-    grid: Floats = (
-        2.0 / (2.0 * np.pi * 1000.0 * xs) * np.exp(-50000.0 * (ys**2 + 0.15**2) / (4.0 * 1000.0 * xs))
-    )
+    decay = np.exp(-50000.0 * (ys**2 + 0.15**2) / (4.0 * 1000.0 * xs))
+    grid = np.asarray(2.0 / (2.0 * np.pi * 1000.0 * xs) * decay, dtype=np.float64)
     if perturbed:
         grid *= 0.8 + 0.2 * np.sin(4.0 * x_m)
     grid /= grid.max()
