@@ -12,6 +12,7 @@ from flightstack.wire import (
     DroneState,
     Event,
     GroundBeat,
+    GroundReport,
     Outcome,
     Traffic,
     TreeState,
@@ -46,6 +47,9 @@ OUTCOME = Topic("outcome", Codec(Outcome), None, None, Delivery.RELIABLE)
 EVENT = Topic("event", Codec(Event), None, None, Delivery.RELIABLE)
 TRAFFIC = Topic("traffic", Codec(Traffic), 4.0, 2.0, Delivery.BEST_EFFORT)
 GROUND = Topic("ground", Codec(GroundBeat), 1.0, 5.0, Delivery.BEST_EFFORT)
+REPORT = Topic("report", Codec(GroundReport), 1.0, 5.0, Delivery.BEST_EFFORT)
 
-TOPICS: dict[str, Topic] = {t.name: t for t in (STATE, TREE, COMMAND, OUTCOME, EVENT, TRAFFIC, GROUND)}
+TOPICS: dict[str, Topic] = {
+    t.name: t for t in (STATE, TREE, COMMAND, OUTCOME, EVENT, TRAFFIC, GROUND, REPORT)
+}
 """What a drone receives: state, tree, command, traffic, ground. What a ground station receives: all but ground."""

@@ -91,6 +91,8 @@ class TreeState(msgspec.Struct, frozen=True, array_like=True):
     readings: tuple[Reading, ...]
     heals: int = 0
     """Heals since the survey began: assignments after the first that moved somebody or dropped somebody."""
+    survey: str = ""
+    """Identity of the command that started the survey; knowledge of another survey is not merged."""
 
 
 class CommandName(enum.StrEnum):
@@ -161,6 +163,39 @@ class Traffic(msgspec.Struct, frozen=True, array_like=True):
 class GroundBeat(msgspec.Struct, frozen=True, array_like=True):
     sender: str
     sequence: int
+
+
+class GroundAlarm(msgspec.Struct, frozen=True, array_like=True):
+    drone: int
+    severity: Severity
+    code: str
+    text: str
+    age_s: float
+    """How long it has stood."""
+
+
+class HeardVehicle(msgspec.Struct, frozen=True, array_like=True):
+    """A vehicle as the ground station hears its autopilot over MAVLink, with or without its agent."""
+
+    drone: int
+    mode: str
+    armed: bool
+    airborne: bool
+    position_ned_m: Vector3 | None
+    velocity_ned_mps: Vector3 | None
+    home_ned_m: Vector3 | None
+    battery_fraction: float | None
+    age_s: float
+    """Since its last heartbeat."""
+
+
+class GroundReport(msgspec.Struct, frozen=True, array_like=True):
+    """What the running ground station knows beyond the drones' own messages, for displays; no drone takes it."""
+
+    sender: str
+    frame: int
+    alarms: tuple[GroundAlarm, ...]
+    vehicles: tuple[HeardVehicle, ...]
 
 
 T = TypeVar("T", bound=msgspec.Struct)

@@ -1,0 +1,100 @@
+"""The ground station's configuration file, typed. It shares its vocabulary with the drones' files."""
+
+from __future__ import annotations
+
+import pathlib
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from flightstack.config import Fraction, NotNegative, Positive, Section, SwarmConfig
+from mission.documents import DocumentError, parse
+from mission.frames import Geodetic
+from mission.geofence import Geofence
+
+
+class MavlinkConfig(Section, frozen=True, kw_only=True):
+    links: tuple[str, ...] = ()
+    """As pymavlink writes them: "udpin:0.0.0.0:14550", "tcp:127.0.0.1:5760", "/dev/ttyUSB0,57600". All
+    vehicles may share one; a vehicle heard on several is one vehicle."""
+    system: Annotated[int, Meta(ge=1, le=255)] = 255
+    """Our own system id. Two ground stations that hear the same vehicles need different ones."""
+
+
+class OrphanConfig(Section, frozen=True, kw_only=True):
+    """What to do with a vehicle that flies on while its agent is silent."""
+
+    action: Literal["rtl", "land", "none"] = "rtl"
+    grace_s: Positive = 5.0
+    """Silence of the agent after which its vehicle is brought home by MAVLink."""
+    all_silent_grace_s: Positive = 30.0
+    """The same when every agent fell silent: more likely our own radio failed than all of them at once, and
+    an autopilot that is taken from a healthy agent ends a survey."""
+
+
+class AlarmLimits(Section, frozen=True, kw_only=True):
+    """When the failure monitor speaks."""
+
+    agent_silent_s: Positive = 3.0
+    vehicle_silent_s: Positive = 5.0
+    """Five missed heartbeats."""
+    absent_s: Positive = 20.0
+    """How long after the station's start a member may stay unheard: agents take their time to start."""
+    battery_low_fraction: Fraction = 0.3
+    battery_critical_fraction: Fraction = 0.15
+    late_ticks_fraction: Fraction = 0.05
+    """Share of an agent's newest ticks that may miss their deadline."""
+    ceiling_above_home_m: Positive | None = None
+    fence_tolerance_m: NotNegative = 1.0
+    """How far inside a drone must be again before a fence alarm ends."""
+
+
+class GroundConfig(Section, frozen=True, kw_only=True):
+    station: Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")] = "ground"
+    """Name of this ground station among the nodes of the swarm; it must not look like a drone's number."""
+    swarm: SwarmConfig
+    origin: Geodetic
+    """Origin of the swarm's local frame, the same as in the drones' files."""
+    mavlink: MavlinkConfig = MavlinkConfig()
+    geofence: Geofence | None = None
+    """The fence that breaches are watched against; or `plan`."""
+    plan: str | None = None
+    """A QGroundControl .plan file whose geofence is watched, its path relative to this file's directory."""
+    orphans: OrphanConfig = OrphanConfig()
+    alarms: AlarmLimits = AlarmLimits()
+    record_to: str = "flights"
+    """Directory for the recordings (swarm-TIME.mcap, vehicle-N-TIME.tlog), made if absent."""
+    speedup: Positive = 1.0
+    """1 in real flights. Simulated flights may run faster; all processes must be given the same."""
+    tick_hz: Positive = 10.0
+
+
+def load(path: str | pathlib.Path) -> GroundConfig:
+    """Read and check a ground station's file. `DocumentError` says in one line what is wrong where."""
+    file = str(path)
+    try:
+        text = pathlib.Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DocumentError(file, f"cannot be read: {error}") from error
+    config = parse(text, GroundConfig, file)
+    if len(set(config.swarm.members)) != len(config.swarm.members):
+        raise DocumentError(
+            file, "a drone's id stands twice; every drone needs its own", field="swarm.members"
+        )
+    if config.mavlink.system in config.swarm.members:
+        problem = (
+            f"{config.mavlink.system} is also a drone's system id; 255 is the usual one of a ground station"
+        )
+        raise DocumentError(file, problem, field="mavlink.system")
+    if len(set(config.mavlink.links)) != len(config.mavlink.links):
+        raise DocumentError(file, "a link stands twice", field="mavlink.links")
+    if config.geofence is not None and config.plan is not None:
+        raise DocumentError(file, "give either geofence or plan, not both", field="plan")
+    if config.geofence is not None:
+        for problem in config.geofence.problems():
+            raise DocumentError(file, problem, field="geofence")
+    if config.alarms.battery_critical_fraction > config.alarms.battery_low_fraction:
+        raise DocumentError(file, "is above battery_low_fraction", field="alarms.battery_critical_fraction")
+    if not config.speedup <= 100.0:
+        raise DocumentError(file, f"{config.speedup} is not within 0 to 100", field="speedup")
+    return config
