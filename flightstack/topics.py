@@ -52,4 +52,4 @@ REPORT = Topic("report", Codec(GroundReport), 1.0, 5.0, Delivery.BEST_EFFORT)
 TOPICS: dict[str, Topic] = {
     t.name: t for t in (STATE, TREE, COMMAND, OUTCOME, EVENT, TRAFFIC, GROUND, REPORT)
 }
-"""What a drone receives: state, tree, command, traffic, ground. What a ground station receives: all but ground."""
+"""A drone receives state, tree, command, traffic and ground; a ground station all but ground."""

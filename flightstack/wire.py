@@ -190,7 +190,7 @@ class HeardVehicle(msgspec.Struct, frozen=True, array_like=True):
 
 
 class GroundReport(msgspec.Struct, frozen=True, array_like=True):
-    """What the running ground station knows beyond the drones' own messages, for displays; no drone takes it."""
+    """What the running ground station knows beyond the drones' own messages, for displays alone."""
 
     sender: str
     frame: int
