@@ -19,6 +19,13 @@ class InstrumentState(enum.StrEnum):
     ERROR = "error"
 
 
+class Quantity(enum.StrEnum):
+    """What an instrument measures. Samples without a value carry it too: a filter must know whose trouble it is."""
+
+    CO2 = "co2"
+    WIND = "wind"
+
+
 class Sample(msgspec.Struct, frozen=True):
     """One message of an instrument. Values are present only where they are valid (`state` measuring)."""
 
@@ -40,6 +47,10 @@ class Sample(msgspec.Struct, frozen=True):
     """Standard deviation per horizontal axis, where the source states it."""
     pressure_pa: float | None = None
     temperature_c: float | None = None
+    quantity: Quantity | None = None
+    """What the instrument measures; None only where the sample's maker did not say."""
+    co2_at_least_ppm: float | None = None
+    """The end of the instrument's range where the reading stands at it: no value, but a lower bound."""
 
 
 class Instrument(Protocol):
