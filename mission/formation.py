@@ -228,3 +228,14 @@ def _table(layout: Layout, slots: int) -> SlotTable:
     for field in dataclasses.fields(table):
         getattr(table, field.name).flags.writeable = False
     return table
+
+
+def problems(
+    drones: int,
+    spacing_m: float,
+    separation_m: float,
+    radio_range_m: float | None = None,
+    layout: str = Hexagonal.name,
+) -> list[str]:
+    """`Layout.problems` of the layout called `layout`: what a planner asks with the numbers of a file."""
+    return make_layout(layout, spacing_m).problems(drones, separation_m, radio_range_m)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mission.formation import LAYOUTS, Hexagonal, Layout, Rings, make_layout, rotated
+from mission.formation import LAYOUTS, Hexagonal, Layout, Rings, make_layout, problems, rotated
 
 
 def test_rings_have_the_capacities_of_lemma_1() -> None:
@@ -87,3 +87,8 @@ def test_the_depth_grows_with_the_root_of_the_size(drones: int, spread: float) -
     """Lemma 2: O(sqrt(N / rho)) levels. Level k has about 2 pi k rho slots, so K levels hold pi rho K^2."""
     depth = Rings(3.0, spread=spread).level(drones - 1)
     assert depth <= 1.0 + 1.3 * math.sqrt(drones / (math.pi * spread))
+
+
+def test_a_file_is_checked_by_the_layouts_name() -> None:
+    assert problems(5, 10.0, 4.0) == []
+    assert "link of 12.39 m" in problems(20, 10.0, 4.0, 10.0, "rings")[0]
