@@ -1,0 +1,347 @@
+"""A simulated survey as its file says it: SURVEY.yaml, typed and checked before anything is started."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import pathlib
+import re
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta
+
+from flightstack.config import DroneId, FormationConfig, LimitsConfig, Positive, Section, StrategyConfig
+from mission.documents import DocumentError, line_of, parse
+from mission.formation import make_layout
+from mission.frames import Geodetic, LocalFrame
+from mission.geofence import Circle, Geofence, LocalFence, Vertex
+from simvehicle.config import FaultSpec, GaussianPlume, LocusGridPlume, WindConfig
+
+Flavour = Literal["ardupilot", "px4"]
+
+
+class InstrumentChoice(Section, frozen=True, kw_only=True):
+    """An instrument that a simulated drone carries; it is emulated byte by byte."""
+
+    name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]+$")]
+    type: str
+    options: dict[str, Any] = msgspec.field(default_factory=dict)
+    """What the agent's driver of this type is told."""
+
+
+class SurveyDrone(Section, frozen=True, kw_only=True):
+    id: DroneId
+    flavour: Flavour = "ardupilot"
+    home_north_m: float = 0.0
+    home_east_m: float = 0.0
+    instruments: tuple[InstrumentChoice, ...] | None = None
+    """None: those of the survey."""
+    parameters: dict[str, float] = msgspec.field(default_factory=dict)
+    """Parameters of its autopilot that differ from the flavour's defaults."""
+
+
+class LaunchLine(Section, frozen=True, kw_only=True):
+    """Drones 1 to `count` in a line: a short way to say where all of them stand."""
+
+    count: Annotated[int, Meta(ge=1, le=250)]
+    flavour: Flavour = "ardupilot"
+    spacing_m: Positive = 6.0
+    north_m: float = 0.0
+    """Where the middle of the line is."""
+    east_m: float = 0.0
+    towards_deg: Annotated[float, Meta(ge=0.0, le=360.0)] = 90.0
+    """Bearing of the line, degrees clockwise from north."""
+
+    def drones(self) -> Iterator[SurveyDrone]:
+        bearing_rad = math.radians(self.towards_deg)
+        for index in range(self.count):
+            along_m = (index - (self.count - 1) / 2.0) * self.spacing_m
+            yield SurveyDrone(
+                id=index + 1,
+                flavour=self.flavour,
+                home_north_m=round(self.north_m + along_m * math.cos(bearing_rad), 3),
+                home_east_m=round(self.east_m + along_m * math.sin(bearing_rad), 3),
+            )
+
+
+class SurveyFence(Section, frozen=True, kw_only=True):
+    """The geofence: areas of (latitude, longitude) vertices, or the fence of a QGroundControl .plan file."""
+
+    file: str | None = None
+    """Relative to the survey file."""
+    inclusion: tuple[tuple[Vertex, ...], ...] = ()
+    exclusion: tuple[tuple[Vertex, ...], ...] = ()
+    inclusion_circles: tuple[Circle, ...] = ()
+    exclusion_circles: tuple[Circle, ...] = ()
+
+
+class SurveyConfig(Section, frozen=True, kw_only=True):
+    name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]+$")]
+    """Names the swarm and the output directory."""
+    origin: Geodetic
+    """Origin of the swarm's local frame, at the height of the launch points."""
+    drones: tuple[SurveyDrone, ...] = ()
+    launch_line: LaunchLine | None = None
+    """Instead of `drones`."""
+    instruments: tuple[InstrumentChoice, ...] = (InstrumentChoice(name="co2", type="sba5"),)
+    formation: FormationConfig = FormationConfig()
+    limits: LimitsConfig = LimitsConfig()
+    geofence: SurveyFence | None = None
+    strategy: StrategyConfig = StrategyConfig()
+    wind: WindConfig = WindConfig()
+    plume: GaussianPlume | LocusGridPlume | None = None
+    background_co2_ppm: Annotated[float, Meta(ge=0.0)] = 420.0
+    seed: int = 0
+    speedup: Annotated[float, Meta(gt=0.0, le=20.0)] = 5.0
+    """How many times faster than real time everything runs; a busy machine needs a lower one."""
+    time_limit_s: Positive = 1800.0
+    """Simulated seconds after the first take-off at which everybody is called home."""
+    ready_after_s: Annotated[float, Meta(ge=0.0)] = 41.0
+    """How long the simulated autopilots need from power-up until they let themselves be armed."""
+    faults: tuple[FaultSpec, ...] = ()
+
+
+class Survey(msgspec.Struct, frozen=True):
+    """A survey that passed its checks, with what was resolved on the way."""
+
+    config: SurveyConfig
+    drones: tuple[SurveyDrone, ...]
+    """Every drone with its own instruments filled in."""
+    geofence: Geofence | None
+    warnings: tuple[str, ...]
+
+
+def load(path: str | pathlib.Path, **changes: Any) -> Survey:
+    """Read and check a survey file; `changes` are fields given on the command line instead.
+
+    `DocumentError` says in one line what is wrong, where, and how to mend it.
+    """
+    file = str(path)
+    try:
+        text = pathlib.Path(path).read_text(encoding="utf-8")
+    except OSError as error:
+        raise DocumentError(file, f"cannot be read: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise DocumentError(file, "cannot be read: it is not UTF-8 text") from error
+    config = parse(text, SurveyConfig, file)
+    if changes:
+        config = msgspec.structs.replace(config, **changes)
+    return _Checks(file, text, config).run()
+
+
+_FAULT = re.compile(
+    r"^(?:(?P<instrument>[A-Za-z0-9_]+)-)?(?P<kind>unplug|gps[_-]loss|battery[_-]low|motor|silence)"
+    r":(?P<drone>\d+)@(?P<at>\d+(?:\.\d+)?)(?:-(?P<until>\d+(?:\.\d+)?))?$"
+)
+
+
+def parse_fault(text: str) -> FaultSpec:
+    """A fault as the command line says it: "co2-unplug:2@90", "gps-loss:3@60-75" (from 60 s to 75 s)."""
+    match = _FAULT.match(text)
+    if match is None or (match["kind"] == "unplug") != (match["instrument"] is not None):
+        raise DocumentError(
+            f"--fault {text}",
+            "write INSTRUMENT-unplug:DRONE@SECONDS, or gps-loss, battery-low, motor or silence "
+            "instead of INSTRUMENT-unplug, with -SECONDS behind if it mends itself",
+        )
+    fault: FaultSpec = msgspec.convert(
+        {
+            "drone": int(match["drone"]),
+            "at_s": float(match["at"]),
+            "kind": match["kind"].replace("-", "_"),
+            "instrument": match["instrument"] or "",
+            "until_s": float(match["until"]) if match["until"] else None,
+        },
+        FaultSpec,
+    )
+    return fault
+
+
+class Kill(msgspec.Struct, frozen=True):
+    """kill -9 of a drone's agent, `at_s` simulated seconds after the first take-off."""
+
+    drone: int
+    at_s: float
+
+
+def parse_kill(text: str) -> Kill:
+    """A kill as the command line says it: "3@60"."""
+    match = re.fullmatch(r"(\d+)@(\d+(?:\.\d+)?)", text)
+    if match is None:
+        raise DocumentError(f"--kill {text}", "write DRONE@SECONDS, such as 3@60")
+    return Kill(int(match[1]), float(match[2]))
+
+
+class _Checks:
+    """The checks of one survey, each raising the first problem that it finds."""
+
+    def __init__(self, file: str, text: str, config: SurveyConfig) -> None:
+        self._file = file
+        self._text = text
+        self._config = config
+        self._frame = LocalFrame(config.origin)
+        self._warnings: list[str] = []
+
+    def run(self) -> Survey:
+        drones = self._drones()
+        self._launch_points(drones)
+        self._instruments(drones)
+        self._altitudes(len(drones))
+        self._formation(len(drones))
+        fence = self._fence(drones)
+        self._strategy()
+        self._faults(drones)
+        return Survey(self._config, drones, fence, tuple(self._warnings))
+
+    def _fail(self, field: str, problem: str) -> DocumentError:
+        return DocumentError(self._file, problem, line=line_of(self._text, field), field=field)
+
+    def _drones(self) -> tuple[SurveyDrone, ...]:
+        config = self._config
+        if (config.launch_line is None) == (not config.drones):
+            raise self._fail("drones", "give either drones (a list) or launch_line, one of them")
+        drones = tuple(config.launch_line.drones()) if config.launch_line else config.drones
+        first: dict[int, int] = {}
+        for index, drone in enumerate(drones):
+            if drone.id in first:
+                raise self._fail(
+                    f"drones[{index}].id",
+                    f"drones[{first[drone.id]}] has the id {drone.id} too; every drone needs its own",
+                )
+            first[drone.id] = index
+        return tuple(
+            msgspec.structs.replace(
+                d, instruments=config.instruments if d.instruments is None else d.instruments
+            )
+            for d in drones
+        )
+
+    def _place(self, index: int, field: str) -> str:
+        return f"drones[{index}].{field}" if self._config.drones else "launch_line"
+
+    def _launch_points(self, drones: tuple[SurveyDrone, ...]) -> None:
+        separation_m = self._config.limits.separation_m
+        for (_, a), (index, b) in itertools.combinations(enumerate(drones), 2):
+            apart_m = math.hypot(a.home_north_m - b.home_north_m, a.home_east_m - b.home_east_m)
+            if apart_m < separation_m:
+                raise self._fail(
+                    self._place(index, "home_north_m"),
+                    f"drones {a.id} and {b.id} start {apart_m:.1f} m apart, less than "
+                    f"limits.separation_m = {separation_m:g} m; move one of them",
+                )
+
+    def _instruments(self, drones: tuple[SurveyDrone, ...]) -> None:
+        for index, drone in enumerate(drones):
+            own = self._config.drones and self._config.drones[index].instruments is not None
+            field = f"drones[{index}].instruments" if own else "instruments"
+            names: set[str] = set()
+            for place, instrument in enumerate(drone.instruments or ()):
+                if instrument.name in names:
+                    raise self._fail(
+                        f"{field}[{place}].name", f"two instruments of one drone are called {instrument.name}"
+                    )
+                names.add(instrument.name)
+
+    def _altitudes(self, count: int) -> None:
+        formation, limits = self._config.formation, self._config.limits
+        if limits.floor_above_home_m >= limits.ceiling_above_home_m:
+            raise self._fail("limits.floor_above_home_m", "the floor is not below the ceiling")
+        if not limits.floor_above_home_m < formation.above_home_m < limits.ceiling_above_home_m:
+            raise self._fail(
+                "formation.above_home_m",
+                f"{formation.above_home_m:g} m is not between the floor ({limits.floor_above_home_m:g} m) "
+                f"and the ceiling ({limits.ceiling_above_home_m:g} m) of limits",
+            )
+        layers = min(count, formation.layers)
+        top_m = formation.above_home_m + formation.layer_gap_m * layers
+        if top_m > limits.ceiling_above_home_m:
+            raise self._fail(
+                "formation.layer_gap_m",
+                f"the highest of {layers} layers is at {top_m:g} m, above limits.ceiling_above_home_m = "
+                f"{limits.ceiling_above_home_m:g} m; raise the ceiling or take fewer or thinner layers",
+            )
+        if formation.layer_gap_m < limits.separation_m:
+            raise self._fail(
+                "formation.layer_gap_m",
+                f"{formation.layer_gap_m:g} m between layers is less than limits.separation_m = "
+                f"{limits.separation_m:g} m; drones crossing in two layers would come too near",
+            )
+
+    def _formation(self, count: int) -> None:
+        formation = self._config.formation
+        layout = make_layout(formation.layout, formation.spacing_m)
+        for problem in layout.problems(count, self._config.limits.separation_m, formation.radio_range_m):
+            raise self._fail("formation", problem)
+
+    def _fence(self, drones: tuple[SurveyDrone, ...]) -> Geofence | None:
+        given = self._config.geofence
+        if given is None:
+            return None
+        fence = (
+            self._fence_file(given)
+            if given.file is not None
+            else Geofence(given.inclusion, given.exclusion, given.inclusion_circles, given.exclusion_circles)
+        )
+        for problem in fence.problems():
+            raise self._fail("geofence", problem)
+        local = LocalFence(self._frame, fence)
+        margin_m = self._config.limits.fence_margin_m
+        for index, drone in enumerate(drones):
+            clearance_m = local.clearance_m(drone.home_north_m, drone.home_east_m)
+            if clearance_m < margin_m:
+                where = (
+                    f"{-clearance_m:.0f} m outside the geofence"
+                    if clearance_m < 0.0
+                    else f"{clearance_m:.1f} m from the geofence, limits.fence_margin_m is {margin_m:g} m"
+                )
+                raise self._fail(
+                    self._place(index, "home_north_m"),
+                    f"drone {drone.id}'s launch point is {where}; move it or widen the fence",
+                )
+        plume = self._config.plume
+        if plume is not None and not local.contains(plume.source_north_m, plume.source_east_m):
+            self._warnings.append(
+                f"{self._file}: plume: its source lies outside the geofence: the swarm cannot reach it"
+            )
+        return fence
+
+    def _fence_file(self, given: SurveyFence) -> Geofence:
+        from mission.plan_file import read_plan
+
+        if given.inclusion or given.exclusion or given.inclusion_circles or given.exclusion_circles:
+            raise self._fail("geofence.file", "give either a file or areas, not both")
+        path = pathlib.Path(self._file).parent / str(given.file)
+        fence = read_plan(path).geofence
+        if fence is None:
+            raise self._fail("geofence.file", f"{path} has no geofence")
+        return fence
+
+    def _strategy(self) -> None:
+        from mission.search import make
+
+        formation, strategy = self._config.formation, self._config.strategy
+        try:
+            make(
+                strategy.name,
+                layout=make_layout(formation.layout, formation.spacing_m),
+                **strategy.parameters,
+            )
+        except (ValueError, TypeError) as error:
+            raise self._fail("strategy", str(error)) from error
+
+    def _faults(self, drones: tuple[SurveyDrone, ...]) -> None:
+        by_id = {drone.id: drone for drone in drones}
+        for index, fault in enumerate(self._config.faults):
+            field = f"faults[{index}]"
+            if fault.drone not in by_id:
+                raise self._fail(f"{field}.drone", f"there is no drone {fault.drone} in this survey")
+            names = [i.name for i in by_id[fault.drone].instruments or ()]
+            if fault.kind == "unplug" and fault.instrument not in names:
+                raise self._fail(
+                    f"{field}.instrument",
+                    f"drone {fault.drone} carries no instrument called {fault.instrument!r}, but {names}",
+                )
+            if fault.until_s is not None and fault.until_s <= fault.at_s:
+                raise self._fail(f"{field}.until_s", "it must mend after it broke")
