@@ -7,14 +7,16 @@ from sensors.samples import Instrument, Sample
 
 
 class AttachedInstrument:
-    """Moves bytes between a port and an instrument's protocol, and tells the one of the other's comings and goings."""
+    """Moves bytes between a port and an instrument's protocol, and tells the one of the other's comings and
+    goings."""
 
     def __init__(self, instrument: Instrument, port: InstrumentPort) -> None:
         self.instrument = instrument
         self.port = port
 
     def step(self, now_s: float) -> list[Sample]:
-        """Samples since the last call. Never waits; a lost port is a sample in state SILENT with its reason."""
+        """Samples since the last call. Never waits; a lost port is a sample in state SILENT with its
+        reason."""
         data = self.port.read()
         samples: list[Sample] = []
         for event in self.port.events():

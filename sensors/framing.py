@@ -1,4 +1,5 @@
-"""Cutting a byte stream into messages, whatever the chunks in which it comes and whatever is mixed into it."""
+"""Cutting a byte stream into messages, whatever the chunks in which it comes and whatever is mixed into
+it."""
 
 from __future__ import annotations
 
@@ -57,7 +58,8 @@ class LineFramer:
 
 
 def number(text: str) -> float | None:
-    """The plain decimal number that `text` is, None for anything else: no exponents, "nan", "inf" or blanks."""
+    """The plain decimal number that `text` is, None for anything else: no exponents, "nan", "inf" or
+    blanks."""
     return float(text) if len(text) <= 16 and _NUMBER.fullmatch(text) else None
 
 

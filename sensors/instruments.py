@@ -17,7 +17,8 @@ from sensors.sba5 import Sba5, Sba5Options
 
 @dataclasses.dataclass(frozen=True)
 class Co2Traits:
-    """What the filter must know of a make of CO2 instrument, from its data sheet; `tune` measures a unit's own."""
+    """What the filter must know of a make of CO2 instrument, from its data sheet; `tune` measures a unit's
+    own."""
 
     lag_s: float
     """Time constant of the response, taken as first order: 63 % of a step."""
@@ -58,7 +59,8 @@ INSTRUMENTS: dict[str, InstrumentType] = {
 
 
 def instrument_type(type_name: str) -> InstrumentType:
-    """The type called `type_name`, upper or lower case, with or without dashes. `SensorError` if there is none."""
+    """The type called `type_name`, upper or lower case, with or without dashes. `SensorError` if there is
+    none."""
     plain = "".join(c for c in type_name.lower() if c.isalnum())
     for entry in INSTRUMENTS.values():
         if plain in (entry.name, *entry.aliases):

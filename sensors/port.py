@@ -8,7 +8,7 @@ import queue
 import threading
 import urllib.parse
 from collections.abc import Callable
-from typing import Final
+from typing import Any, Final
 
 import serial
 
@@ -174,7 +174,7 @@ def _check(port: str, baud: int) -> None:
 
 def _open(port: str, baud: int) -> serial.SerialBase:
     # A write timeout of zero would make pyserial's sockets spin while the other side does not read.
-    options = {"timeout": 0, "write_timeout": _WRITE_TIMEOUT_S, "baudrate": baud}
+    options: dict[str, Any] = {"timeout": 0, "write_timeout": _WRITE_TIMEOUT_S, "baudrate": baud}
     if os.name == "posix" and "://" not in port:
         options["exclusive"] = True  # two readers of one port would each get half of every line
     return serial.serial_for_url(port, **options)

@@ -17,7 +17,8 @@ def co2_sample(
     pressure_pa: float | None = None,
     temperature_c: float | None = None,
 ) -> Sample:
-    """A CO2 reading in ppm by volume, checked: negative and non-finite values and the end of the range are no values."""
+    """A CO2 reading in ppm by volume, checked: negative and non-finite values and the end of the range are no
+    values."""
     state, reason, at_least = InstrumentState.MEASURING, "", None
     if not math.isfinite(co2_ppm):
         state, reason = InstrumentState.ERROR, "the reading is not a number"

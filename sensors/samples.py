@@ -20,7 +20,8 @@ class InstrumentState(enum.StrEnum):
 
 
 class Quantity(enum.StrEnum):
-    """What an instrument measures. Samples without a value carry it too: a filter must know whose trouble it is."""
+    """What an instrument measures. Samples without a value carry it too: a filter must know whose trouble it
+    is."""
 
     CO2 = "co2"
     WIND = "wind"
@@ -40,7 +41,8 @@ class Sample(msgspec.Struct, frozen=True):
     """Why there is no value, in words an operator understands; empty where there is one."""
     co2_ppm: float | None = None
     wind_body_mps: Vector3 | None = None
-    """Where the air goes relative to the airframe: forward, right, down. The drone's own motion is still in it."""
+    """Where the air goes relative to the airframe: forward, right, down. The drone's own motion is still in
+    it."""
     wind_ned_mps: Vector3 | None = None
     """Where the air goes relative to the ground, from sources that already removed the drone's motion."""
     wind_sd_mps: float | None = None
@@ -74,5 +76,6 @@ class Instrument(Protocol):
     def receive(self, now_s: float, data: bytes) -> list[Sample]: ...
 
     def poll(self, now_s: float) -> tuple[bytes, list[Sample]]:
-        """Called every tick: bytes to send now, and samples that time alone causes (SILENT after a time-out)."""
+        """Called every tick: bytes to send now, and samples that time alone causes (SILENT after a
+        time-out)."""
         ...

@@ -1,10 +1,10 @@
 """PP Systems SBA-5 infrared CO2 analyser.
 
-Serial 19200 8N1, ASCII (SBA-5 CO2 Analyzer Operation Manual, version 1.06, PP Systems 2015, "Communication" and
-"Error messages"; the operators' use of it in the field). The host sends single letters, and strings ended by CR:
-`!` stops the continuous display, `C2` asks for two decimals, `P1` switches the pump on, `A<minutes>` sets the
-time between automatic zeros, `Z` zeroes now, `M` asks for one reading. Commands are echoed and acknowledged with
-OK. Three kinds of line come back, fields separated by blanks or commas:
+Serial 19200 8N1, ASCII (SBA-5 CO2 Analyzer Operation Manual, version 1.06, PP Systems 2015, "Communication"
+and "Error messages"; the operators' use of it in the field). The host sends single letters, and strings ended
+by CR: `!` stops the continuous display, `C2` asks for two decimals, `P1` switches the pump on, `A<minutes>`
+sets the time between automatic zeros, `Z` zeroes now, `M` asks for one reading. Commands are echoed and
+acknowledged with OK. Three kinds of line come back, fields separated by blanks or commas:
 
 * `M <zero counts> <counts> <ppm> <average temp C> <humidity mb> <humidity sensor temp C> <pressure mb>
   [<detector temp> <source temp>] <status>`
@@ -90,8 +90,8 @@ class Sba5(StreamInstrument):
         elif self._zero_running and now_s - self._zero_s > _ZERO_LOST_S:
             self._zero_running = False  # it never answered: ask again
         # While it warms or zeroes, readings are of no use: once a second keeps the line known to be alive.
-        measuring = self._state is InstrumentState.MEASURING
-        return b"M" if self._pacer.due(now_s, None if measuring else 1.0) else b""
+        idle = self._state in (InstrumentState.WARMING, InstrumentState.ZEROING)
+        return b"M" if self._pacer.due(now_s, 1.0 if idle else None) else b""
 
     def _read(self, now_s: float, frame: bytes) -> Sample | None:
         text = frame.decode("ascii", "replace").strip("\0 \t")

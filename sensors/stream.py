@@ -11,9 +11,10 @@ from sensors.samples import InstrumentState, Quantity, Sample
 class StreamInstrument(abc.ABC):
     """An instrument's protocol (see `sensors.samples.Instrument`), less what its make alone knows.
 
-    A make says how its stream is framed, what one message means, what to send on connection and when to ask for
-    a reading. Here are the rest of the rules: a message that cannot be understood is a sample in state ERROR
-    that quotes it, and a line that stays quiet for `silence_s` is a sample in state SILENT, once a period.
+    A make says how its stream is framed, what one message means, what to send on connection and when to ask
+    for a reading. Here are the rest of the rules: a message that cannot be understood is a sample in state
+    ERROR that quotes it, and a line that stays quiet for `silence_s` is a sample in state SILENT, once a
+    period.
     """
 
     def __init__(self, kind: str, name: str, quantity: Quantity, framer: Framer, silence_s: float) -> None:
@@ -68,11 +69,11 @@ class StreamInstrument(abc.ABC):
     def _read(self, now_s: float, frame: bytes) -> Sample | None:
         """The meaning of one framed message; None for acknowledgements and echoes."""
 
-    def _greeting(self, now_s: float) -> bytes:
+    def _greeting(self, now_s: float) -> bytes:  # noqa: ARG002
         """What to send when the port has opened."""
         return b""
 
-    def _request(self, now_s: float) -> bytes:
+    def _request(self, now_s: float) -> bytes:  # noqa: ARG002
         """What to send now, called every tick; empty for an instrument that talks by itself."""
         return b""
 
