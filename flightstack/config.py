@@ -49,6 +49,8 @@ class AutopilotConfig(Section, frozen=True, kw_only=True):
     """"auto" believes the autopilot's own heartbeat."""
     ready_timeout_s: Positive = 180.0
     """How long to wait until the autopilot is ready to arm; a cold GPS takes minutes."""
+    answer_timeout_s: Positive = 60.0
+    """How long (real seconds) the autopilot may be silent at start before the agent gives up with an error."""
     parameters: dict[str, float] = {}
     """Autopilot parameters to set and read back before the first arming."""
 
@@ -135,9 +137,13 @@ def load(path: str | pathlib.Path) -> DroneConfig:
         raise DocumentError(file, f"cannot be read: {error}") from error
     config = parse(text, DroneConfig, file)
     if config.drone not in config.swarm.members:
-        raise DocumentError(file, f"drone {config.drone} is not in swarm.members {list(config.swarm.members)}", field="drone")
+        raise DocumentError(
+            file, f"drone {config.drone} is not in swarm.members {list(config.swarm.members)}", field="drone"
+        )
     if len(set(config.swarm.members)) != len(config.swarm.members):
-        raise DocumentError(file, "a drone's id stands twice; every drone needs its own", field="swarm.members")
+        raise DocumentError(
+            file, "a drone's id stands twice; every drone needs its own", field="swarm.members"
+        )
     if config.limits.floor_above_home_m >= config.limits.ceiling_above_home_m:
         raise DocumentError(file, "the floor is not below the ceiling", field="limits.floor_above_home_m")
     return config

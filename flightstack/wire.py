@@ -216,7 +216,9 @@ class Codec(Generic[T]):
         if not data:
             raise WireError("empty message")
         if data[0] != VERSION:
-            raise WireError(f"message version {data[0]}, this software speaks {VERSION}: update the older one")
+            raise WireError(
+                f"message version {data[0]}, this software speaks {VERSION}: update the older one"
+            )
         try:
             return self._decoder.decode(memoryview(data)[1:])
         except msgspec.MsgspecError as error:

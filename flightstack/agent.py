@@ -1,0 +1,467 @@
+"""The agent on one drone: one synchronous, deterministic step a tick, bytes in and bytes out.
+
+    belief -> filters -> tree -> phase -> strategy -> guard -> outputs
+
+Each stage runs once, sees only what the stages before it made, and never calls back; an acknowledgement is an input
+of a later tick. Time, randomness and inputs are arguments: a recorded flight replays to the same outputs.
+"""
+
+from __future__ import annotations
+
+import math
+
+import msgspec
+import numpy as np
+from sensors.wind_filter import VehicleMotion
+
+from flightstack import topics
+from flightstack.autopilot import AutopilotSession, VehicleReport
+from flightstack.belief import Belief
+from flightstack.config import DroneConfig
+from flightstack.guard import Guard, Guarded, PositionTarget
+from flightstack.guidance import CORRIDOR_M, horizontal_m, over_the_top, underneath
+from flightstack.phase import IN_FORMATION, Ask, FlightPhase, Note, PhaseStep, SwarmFacts, VehicleFacts
+from flightstack.sensing import PortEvent, Sensed, Sensing
+from flightstack.swarm_tree import SwarmTree, TreeNews
+from flightstack.topics import Topic
+from flightstack.transport import Received
+from flightstack.wire import DroneState, Event, Phase, Severity
+from mission.formation import make_layout, rotated
+from mission.frames import LocalFrame, Vector3
+from mission.geofence import LocalFence
+from mission.observation import (
+    Decision,
+    GoTo,
+    Hold,
+    Intent,
+    Neighbour,
+    Observation,
+    OwnState,
+    Stage,
+    TreePlace,
+)
+from mission.search import make
+from sensors.samples import InstrumentState, Sample
+
+LANDING_HEIGHT_M = 4.0
+"""Height over home at which the autopilot's own landing takes over."""
+
+TRANSFER_LIMIT_S = 60.0
+"""How long the swarm waits for an heir on its way to the empty slot."""
+
+
+class PeerMessage(msgspec.Struct, frozen=True, array_like=True):
+    topic: str
+    sender: str
+    payload: bytes
+
+
+class Inputs(msgspec.Struct, frozen=True, array_like=True):
+    """Everything that reached the drone since its last tick."""
+
+    autopilot: bytes = b""
+    ports: tuple[PortEvent, ...] = ()
+    peers: tuple[PeerMessage, ...] = ()
+    late_ticks: int = 0
+    """Ticks since start-up that began more than a period late, as the runner counts them."""
+
+
+class Outputs(msgspec.Struct, frozen=True, array_like=True):
+    """Everything that leaves the drone in one tick."""
+
+    autopilot: bytes
+    ports: tuple[tuple[str, bytes], ...]
+    peers: tuple[tuple[str, bytes], ...]
+    """(topic name, payload)."""
+    events: tuple[Event, ...]
+    """The events among `peers`, decoded, for the log."""
+
+
+class Agent:
+    """One drone's decisions. It opens nothing, waits for nothing and asks no clock."""
+
+    def __init__(self, config: DroneConfig, *, incarnation: int) -> None:
+        self.config = config
+        self.frame = LocalFrame(config.origin)
+        self.phase = FlightPhase(config.drone, ready_timeout_s=config.autopilot.ready_timeout_s)
+        self.session = AutopilotSession(config.drone, self.frame, config.autopilot)
+        self._incarnation = incarnation
+        self._belief = Belief(config.drone, config.swarm.members, self.frame)
+        self._sensing = Sensing(tuple(i for i in config.instruments if i.port != "mavlink"))
+        self._layout = make_layout(config.formation.layout, config.formation.spacing_m)
+        self._tree = SwarmTree(
+            config.drone,
+            config.swarm.members,
+            self._layout,
+            frame_identity=self.frame.identity,
+            incarnation=incarnation,
+            lost_after_s=config.limits.peer_lost_s,
+        )
+        self._guard = Guard(
+            config.limits, LocalFence(self.frame, config.geofence) if config.geofence else None
+        )
+        layer = config.swarm.members.index(config.drone) % config.formation.layers
+        self._layer_above_home_m = config.formation.above_home_m + config.formation.layer_gap_m * (layer + 1)
+        self._strategy = make(config.strategy.name, **self._strategy_parameters())
+        self._rng = np.random.default_rng((config.seed, config.drone))
+        self._decision: Decision | None = None
+        self._formed_s: float | None = None
+        self._transfer_since_s: float | None = None
+        self._best_ppm: float | None = None
+        self._ticks = 0
+        self._sequence = 0
+        self._events = 0
+        self._sent_s: dict[str, float] = {}
+        self._battery_low_since_s: float | None = None
+
+    def step(self, now_s: float, inputs: Inputs) -> Outputs:
+        """One tick. `now_s` is this drone's own time, seconds; it must not go back."""
+        self._ticks += 1
+        notes: list[Note] = []
+        # belief
+        self.session.receive(now_s, inputs.autopilot)
+        inbox = self._belief.update(
+            now_s, (Received(topics.TOPICS[m.topic], m.sender, m.payload) for m in inputs.peers)
+        )
+        vehicle = self.session.report
+        notes += [Note(Severity.WARNING, "peer", problem) for problem in inbox.problems]
+        notes += [Note(_severity(text.severity), "statustext", text.text) for text in vehicle.new_texts]
+        # filters
+        sensed = self._sensing.step(
+            now_s, inputs.ports, self._vehicle_samples(now_s, vehicle), _motion(vehicle)
+        )
+        # tree
+        news = self._tree.step(now_s, inbox.trees, self._belief, self._decision, vehicle.position_ned_m)
+        place = self._tree.place(
+            moving=self._transferring(now_s, vehicle, news), belief=self._belief, now_s=now_s
+        )
+        notes += self._tree_notes(news)
+        # phase
+        phase = self.phase.step(
+            now_s, inbox.commands, self._vehicle_facts(vehicle), self._swarm_facts(now_s, vehicle, place)
+        )
+        notes += phase.notes
+        if phase.started is not None:
+            self._begin(now_s, phase.started)
+        # strategy
+        neighbours = self._belief.neighbours(now_s)
+        intent = self._decide(now_s, phase, vehicle, sensed, neighbours, place)
+        # guard
+        guarded = self._steer(phase, intent, vehicle, neighbours)
+        # outputs
+        self._ask(phase)
+        return self._outputs(now_s, inputs, phase, vehicle, sensed, place, guarded, notes)
+
+    # -- belief and filters ------------------------------------------------------------------------------------
+
+    def _vehicle_samples(self, now_s: float, vehicle: VehicleReport) -> list[Sample]:
+        """What the autopilot says that an instrument could have said: its wind estimate, readings it relays."""
+        samples = []
+        if vehicle.wind_ned_mps is not None:
+            samples.append(
+                Sample(
+                    now_s,
+                    "autopilot wind",
+                    InstrumentState.MEASURING,
+                    wind_ned_mps=vehicle.wind_ned_mps,
+                    wind_sd_mps=vehicle.wind_sd_mps,
+                )
+            )
+        relayed = {
+            str(i.options.get("value", i.name)): i.name
+            for i in self.config.instruments
+            if i.port == "mavlink"
+        }
+        samples += [
+            Sample(now_s, relayed[name], InstrumentState.MEASURING, co2_ppm=value)
+            for name, value in vehicle.named_values
+            if name in relayed and math.isfinite(value) and value >= 0.0
+        ]
+        return samples
+
+    # -- tree --------------------------------------------------------------------------------------------------
+
+    def _begin(self, now_s: float, survey: str) -> None:
+        """A survey starts: a new tree, a new strategy, nothing remembered of the one before."""
+        down_m = -self.config.formation.above_home_m
+        self._tree.begin(now_s, survey, (0.0, 0.0, down_m))
+        self._strategy = make(self.config.strategy.name, **self._strategy_parameters())
+        self._decision = None
+        self._formed_s = None
+        self._best_ppm = None
+
+    def _strategy_parameters(self) -> dict[str, object]:
+        config = self.config
+        return {
+            "layout": self._layout,
+            **config.strategy.parameters,
+        }
+
+    def _transferring(self, now_s: float, vehicle: VehicleReport, news: TreeNews) -> bool:
+        """Whether this drone is on its way to a slot that a heal gave it."""
+        if news.moved and self._tree.member and self.phase.phase in IN_FORMATION:
+            self._transfer_since_s = now_s
+        if self._transfer_since_s is None:
+            return False
+        if self._at_slot(vehicle) or now_s - self._transfer_since_s > TRANSFER_LIMIT_S:
+            self._transfer_since_s = None
+        if self.phase.phase not in IN_FORMATION | {Phase.HOLDING}:
+            self._transfer_since_s = None
+        return self._transfer_since_s is not None
+
+    def _tree_notes(self, news: TreeNews) -> list[Note]:
+        notes = []
+        if news.lost:
+            names = ", ".join(str(d) for d in news.lost)
+            notes.append(Note(Severity.WARNING, "lost", f"drone {names} lost to the swarm"))
+        if news.healed:
+            slots = ", ".join(f"{d} in {s}" for d, s in sorted(self._tree.slots.items(), key=lambda i: i[1]))
+            notes.append(Note(Severity.INFO, "heal", f"epoch {self._tree.epoch}: {slots}"))
+        if news.order is not None and news.order.stage is Stage.FOUND and news.order.source_ned_m:
+            n, e, d = news.order.source_ned_m
+            notes.append(
+                Note(Severity.INFO, "found", f"source at {n:.1f} m north, {e:.1f} m east, {-d:.1f} m up")
+            )
+        return notes
+
+    def _slot_target(self) -> Vector3 | None:
+        """Where this drone's slot is now, by the newest order."""
+        order, slot = self._tree.order, self._tree.slots.get(self.config.drone)
+        if order is None or slot is None:
+            return None
+        north_m, east_m = rotated(self._layout.offset_m(slot), order.rotation_rad)
+        anchor = order.anchor_ned_m
+        return anchor[0] + north_m, anchor[1] + east_m, anchor[2]
+
+    def _at_slot(self, vehicle: VehicleReport) -> bool:
+        target, position = self._slot_target(), vehicle.position_ned_m
+        return target is not None and position is not None and math.dist(target, position) < 1.2
+
+    # -- phase -------------------------------------------------------------------------------------------------
+
+    def _vehicle_facts(self, vehicle: VehicleReport) -> VehicleFacts:
+        position = vehicle.position_ned_m
+        return VehicleFacts(
+            connected=vehicle.connected,
+            ready=vehicle.ready,
+            ready_reason=vehicle.ready_reason,
+            prepared=self.session.prepared,
+            problem=self.session.problem,
+            armed=vehicle.armed,
+            airborne=vehicle.airborne,
+            ours=vehicle.mode_ours,
+            mode=vehicle.mode,
+            at_takeoff_altitude=vehicle.airborne
+            and position is not None
+            and -position[2] > self._layer_above_home_m - 1.0,
+        )
+
+    def _swarm_facts(self, now_s: float, vehicle: VehicleReport, place: TreePlace) -> SwarmFacts:
+        position, home = vehicle.position_ned_m, vehicle.home_ned_m
+        over_home = (
+            position is not None
+            and home is not None
+            and horizontal_m(position, home) < CORRIDOR_M
+            and home[2] - position[2] < LANDING_HEIGHT_M + 0.5
+        )
+        return SwarmFacts(
+            order=self._tree.order,
+            member=place.slot >= 0,
+            at_slot=self._at_slot(vehicle),
+            over_home=over_home,
+            must_return=self._must_return(now_s, vehicle),
+        )
+
+    def _must_return(self, now_s: float, vehicle: VehicleReport) -> str:
+        limits = self.config.limits
+        battery = vehicle.battery_fraction
+        if battery is None or battery > limits.battery_return_fraction:
+            self._battery_low_since_s = None
+        elif self._battery_low_since_s is None:
+            self._battery_low_since_s = now_s
+        elif now_s - self._battery_low_since_s > 3.0:  # a sag under load is not an empty battery
+            return f"battery at {battery:.0%}, below {limits.battery_return_fraction:.0%}"
+        heard_s = self._belief.ground_heard_s
+        if (
+            limits.ground_lost_s is not None
+            and heard_s is not None
+            and now_s - heard_s > limits.ground_lost_s
+        ):
+            return f"ground station silent for more than {limits.ground_lost_s:.0f} s"
+        return ""
+
+    def _ask(self, phase: PhaseStep) -> None:
+        for ask in phase.asks:
+            match ask:
+                case Ask.PREPARE:
+                    self.session.prepare()
+                case Ask.TAKE_CONTROL:
+                    self.session.take_control()
+                case Ask.ARM:
+                    self.session.arm()
+                case Ask.TAKE_OFF:
+                    self.session.takeoff(self._layer_above_home_m)
+                case Ask.LAND:
+                    self.session.land()
+                case Ask.RETURN:
+                    self.session.rtl()
+                case Ask.DISARM:
+                    self.session.disarm()
+
+    # -- strategy and guard ------------------------------------------------------------------------------------
+
+    def _decide(
+        self,
+        now_s: float,
+        phase: PhaseStep,
+        vehicle: VehicleReport,
+        sensed: Sensed,
+        neighbours: tuple[Neighbour, ...],
+        place: TreePlace,
+    ) -> Intent:
+        """The intent of this tick: the strategy's in formation, our own guidance around it."""
+        self._decision = None
+        position, target = vehicle.position_ned_m, self._slot_target()
+        if position is None or vehicle.velocity_ned_mps is None:
+            return Hold()
+        match phase.phase:
+            case Phase.FORMING if target is not None:
+                return GoTo(over_the_top(position, target, -self._layer_above_home_m))
+            case Phase.RETURNING if vehicle.home_ned_m is not None:
+                home = vehicle.home_ned_m
+                over = (home[0], home[1], home[2] - LANDING_HEIGHT_M)
+                return GoTo(over_the_top(position, over, -self._layer_above_home_m))
+            case Phase.SEARCHING | Phase.TRACKING:
+                if self._formed_s is None:
+                    self._formed_s = now_s
+                if self._transfer_since_s is not None and target is not None:
+                    return GoTo(underneath(position, target, self._lower_layer_down_m()))
+                own = OwnState(
+                    self.config.drone,
+                    position,
+                    vehicle.velocity_ned_mps,
+                    sensed.excess_co2_ppm,
+                    sensed.wind,
+                    vehicle.battery_fraction,
+                )
+                self._decision = self._strategy.decide(
+                    Observation(
+                        now_s - self._formed_s, own, neighbours, place, self._tree.order, self._tree.readings
+                    ),
+                    self._rng,
+                )
+                return self._decision.intent
+            case _:
+                return Hold()
+
+    def _lower_layer_down_m(self) -> float:
+        """Altitude (as down) of the heir's corridor: the separation and some room below the formation."""
+        config = self.config
+        below_m = 1.25 * config.limits.separation_m + 1.0
+        return -max(config.formation.above_home_m - below_m, config.limits.floor_above_home_m)
+
+    def _steer(
+        self, phase: PhaseStep, intent: Intent, vehicle: VehicleReport, neighbours: tuple[Neighbour, ...]
+    ) -> Guarded | None:
+        """Give the autopilot its setpoint of this tick, if steering is ours."""
+        position, velocity = vehicle.position_ned_m, vehicle.velocity_ned_mps
+        if not phase.steering or position is None or velocity is None:
+            return None
+        guarded = self._guard.apply(intent, position, velocity, vehicle.position_age_s, neighbours)
+        if isinstance(guarded.setpoint, PositionTarget):
+            self.session.target_position(guarded.setpoint.position_ned_m, None)
+        else:
+            self.session.target_velocity(guarded.setpoint.velocity_ned_mps, None)
+        return guarded
+
+    # -- outputs -----------------------------------------------------------------------------------------------
+
+    def _outputs(
+        self,
+        now_s: float,
+        inputs: Inputs,
+        phase: PhaseStep,
+        vehicle: VehicleReport,
+        sensed: Sensed,
+        place: TreePlace,
+        guarded: Guarded | None,
+        notes: list[Note],
+    ) -> Outputs:
+        if phase.phase in IN_FORMATION and sensed.excess_co2_ppm is not None:
+            self._best_ppm = max(self._best_ppm or 0.0, sensed.excess_co2_ppm.mean)
+        events = tuple(self._event(note) for note in notes)
+        peers = [(topics.EVENT.name, topics.EVENT.codec.encode(event)) for event in events]
+        peers += [(topics.OUTCOME.name, topics.OUTCOME.codec.encode(outcome)) for outcome in phase.outcomes]
+        if self._due(now_s, topics.STATE):
+            held = tuple(f"guard: {text}" for text in guarded.held_by) if guarded else ()
+            state = self._state(inputs, phase, vehicle, sensed, place, held)
+            peers.append((topics.STATE.name, topics.STATE.codec.encode(state)))
+        if self._tree.survey is not None and self._due(now_s, topics.TREE):
+            peers.append((topics.TREE.name, topics.TREE.codec.encode(self._tree.message())))
+        return Outputs(self.session.step(now_s), sensed.to_ports, tuple(peers), events)
+
+    def _state(
+        self,
+        inputs: Inputs,
+        phase: PhaseStep,
+        vehicle: VehicleReport,
+        sensed: Sensed,
+        place: TreePlace,
+        held: tuple[str, ...],
+    ) -> DroneState:
+        self._sequence += 1
+        waiting = (
+            (f"autopilot: {vehicle.ready_reason}",) if vehicle.ready_reason and not vehicle.armed else ()
+        )
+        return DroneState(
+            self.config.drone,
+            self._incarnation,
+            self._sequence,
+            self.frame.identity,
+            phase.phase,
+            vehicle.position_ned_m,
+            vehicle.velocity_ned_mps,
+            vehicle.heading_rad,
+            vehicle.home_ned_m,
+            vehicle.armed,
+            vehicle.airborne,
+            vehicle.mode,
+            vehicle.battery_fraction,
+            sensed.co2_ppm,
+            sensed.excess_co2_ppm,
+            sensed.wind,
+            place.epoch,
+            place.slot if place.slot >= 0 else None,
+            place.parent,
+            self._transfer_since_s is not None,
+            self._best_ppm,
+            waiting + sensed.notes + held,
+            self._ticks,
+            inputs.late_ticks,
+        )
+
+    def _due(self, now_s: float, topic: Topic) -> bool:
+        """Whether `topic` is to be sent in this tick, by its rate in the table of topics."""
+        period_s = 1.0 / topic.rate_hz if topic.rate_hz else 0.0
+        last_s = self._sent_s.get(topic.name)
+        if last_s is not None and now_s - last_s < period_s - 0.5 / self.config.tick_hz:
+            return False
+        self._sent_s[topic.name] = now_s
+        return True
+
+    def _event(self, note: Note) -> Event:
+        self._events += 1
+        return Event(self.config.drone, self._events, note.severity, note.code, note.text)
+
+
+def _motion(vehicle: VehicleReport) -> VehicleMotion | None:
+    if vehicle.attitude_rad is None or vehicle.velocity_ned_mps is None:
+        return None
+    return VehicleMotion(vehicle.attitude_rad, vehicle.velocity_ned_mps)
+
+
+def _severity(mavlink_severity: int) -> Severity:
+    """MAV_SEVERITY (0 emergency … 7 debug) as ours."""
+    if mavlink_severity <= 2:
+        return Severity.CRITICAL
+    return Severity.WARNING if mavlink_severity <= 4 else Severity.INFO

@@ -1,0 +1,141 @@
+"""What this drone believes of the others: peers from their own words, vehicles from the ground station's ears.
+
+Ages are counted on this drone's clock from when a message arrived; nobody's clock is compared with ours. A
+peer that fell silent in the air stays an obstacle where it was last heard until somebody tells otherwise: its
+agent may be dead while its vehicle hovers on.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Sequence
+
+from flightstack import topics
+from flightstack.transport import Received
+from flightstack.wire import Command, DroneState, GroundBeat, Traffic, TrafficVehicle, TreeState, WireError
+from mission.frames import LocalFrame
+from mission.observation import Neighbour, Scalar
+
+OBSTACLE_MEMORY_S = 120.0
+"""How long a silent flying peer is kept in mind as an obstacle."""
+
+
+@dataclasses.dataclass(slots=True)
+class Peer:
+    state: DroneState
+    heard_s: float
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Inbox:
+    """What the network brought in one tick, decoded and checked."""
+
+    commands: tuple[Command, ...]
+    trees: tuple[TreeState, ...]
+    problems: tuple[str, ...]
+
+
+class Belief:
+    def __init__(self, drone: int, members: Sequence[int], frame: LocalFrame) -> None:
+        self.peers: dict[int, Peer] = {}
+        self.ground_heard_s: float | None = None
+        self._drone = drone
+        self._members = frozenset(members) - {drone}
+        self._frame = frame
+        self._traffic: dict[int, tuple[TrafficVehicle, float]] = {}
+        self._told: set[str] = set()
+
+    def update(self, now_s: float, received: Iterable[Received]) -> Inbox:
+        commands: list[Command] = []
+        trees: list[TreeState] = []
+        problems: list[str] = []
+        for item in received:
+            try:
+                message = item.topic.codec.decode(item.payload)
+            except WireError as error:
+                self._tell(problems, f"{item.topic.name} from {item.sender}: {error}")
+                continue
+            problem = self._misplaced(item.sender, message)
+            if problem:
+                self._tell(problems, problem)
+                continue
+            match message:
+                case DroneState():
+                    self._hear(now_s, message)
+                case TreeState():
+                    trees.append(message)
+                case Command():
+                    commands.append(message)
+                case Traffic():
+                    for vehicle in message.vehicles:
+                        if vehicle.drone != self._drone:
+                            self._traffic[vehicle.drone] = (vehicle, now_s - vehicle.age_s)
+                case GroundBeat():
+                    self.ground_heard_s = now_s
+        return Inbox(tuple(commands), tuple(trees), tuple(problems))
+
+    def silence_s(self, now_s: float, drone: int) -> float:
+        """Seconds since `drone` was last heard directly; infinite if never."""
+        peer = self.peers.get(drone)
+        return now_s - peer.heard_s if peer else float("inf")
+
+    def neighbours(self, now_s: float) -> tuple[Neighbour, ...]:
+        """Everybody worth keeping clear of or listening to, by ascending id."""
+        found: dict[int, Neighbour] = {}
+        for drone, peer in self.peers.items():
+            state, age_s = peer.state, now_s - peer.heard_s
+            if state.position_ned_m is None or state.velocity_ned_mps is None or age_s > OBSTACLE_MEMORY_S:
+                continue
+            found[drone] = Neighbour(
+                drone,
+                state.position_ned_m,
+                state.velocity_ned_mps,
+                age_s,
+                state.airborne,
+                _aged(state.excess_co2_ppm, age_s),
+                state.wind,
+            )
+        for drone, (vehicle, at_s) in self._traffic.items():
+            age_s = now_s - at_s
+            known = found.get(drone)
+            if age_s <= OBSTACLE_MEMORY_S and (known is None or age_s < known.age_s):
+                airborne = True  # the ground station reports flying vehicles only
+                found[drone] = Neighbour(
+                    drone, vehicle.position_ned_m, vehicle.velocity_ned_mps, age_s, airborne
+                )
+        return tuple(found[drone] for drone in sorted(found))
+
+    def _hear(self, now_s: float, state: DroneState) -> None:
+        peer = self.peers.get(state.sender)
+        if peer is None:
+            self.peers[state.sender] = Peer(state, now_s)
+        elif state.incarnation != peer.state.incarnation or state.sequence > peer.state.sequence:
+            peer.state, peer.heard_s = state, now_s
+
+    def _misplaced(self, sender: str, message: object) -> str:
+        """Why a message must not be believed, or nothing."""
+        if isinstance(message, DroneState | TreeState):
+            if str(message.sender) != sender:
+                return f"a message of drone {message.sender} came under the name {sender}"
+            if message.sender == self._drone:
+                return f"another node also says that it is drone {self._drone}: every drone needs its own id"
+            if message.sender not in self._members:
+                return f"drone {message.sender} is not in swarm.members"
+        if isinstance(message, DroneState | TreeState | Traffic) and message.frame != self._frame.identity:
+            return f"{sender} flies in another frame: give all members the same origin"
+        return ""
+
+    def _tell(self, problems: list[str], problem: str) -> None:
+        """Each problem once: a misconfigured peer repeats itself five times a second."""
+        if problem not in self._told and len(self._told) < 1000:
+            self._told.add(problem)
+            problems.append(problem)
+
+
+def _aged(estimate: Scalar | None, age_s: float) -> Scalar | None:
+    if estimate is None:
+        return None
+    return Scalar(estimate.mean, estimate.variance, estimate.age_s + age_s)
+
+
+RECEIVED_BY_DRONES = (topics.STATE, topics.TREE, topics.COMMAND, topics.TRAFFIC, topics.GROUND)

@@ -1,0 +1,84 @@
+"""The command `flightstack`: what runs on a drone's companion computer."""
+
+from __future__ import annotations
+
+import logging
+import pathlib
+import sys
+from typing import Annotated
+
+import typer
+
+from mission.documents import DocumentError
+
+app = typer.Typer(
+    help="The agent on a drone's companion computer.", no_args_is_help=True, pretty_exceptions_enable=False
+)
+
+ConfigOption = Annotated[pathlib.Path, typer.Option("--config", help="The drone's YAML file.")]
+
+
+@app.command()
+def run(config: ConfigOption) -> None:
+    """Fly: connect to the autopilot, the instruments and the swarm, and wait for the ground's start."""
+    from flightstack.config import load
+    from flightstack.runner import run as run_agent
+
+    logging.basicConfig(
+        stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(levelname)-7s %(name)s: %(message)s"
+    )
+    raise typer.Exit(run_agent(load(config), file=str(config)))
+
+
+@app.command()
+def check(config: ConfigOption) -> None:
+    """Read a drone's file and say whether it can be flown, without opening anything."""
+    from flightstack.agent import Agent
+    from flightstack.config import load
+
+    agent = Agent(load(config), incarnation=0)
+    typer.echo(f"{config}: good: drone {agent.config.drone} of {len(agent.config.swarm.members)}")
+
+
+@app.command()
+def replay(
+    recording: Annotated[pathlib.Path, typer.Argument(help="A drone-*.mcap that `flightstack run` wrote.")],
+) -> None:
+    """Fly a recorded flight again and compare every tick's outputs with the recorded ones."""
+    from flightstack.replay import replay as replay_flight
+
+    result = replay_flight(recording)
+    if result.differing:
+        typer.echo(
+            f"{recording}: {result.differing} of {result.ticks} ticks differ, "
+            f"the first at {result.first_difference_s:.3f} s"
+        )
+        raise typer.Exit(1)
+    typer.echo(f"{recording}: {result.ticks} ticks, all outputs the same")
+
+
+def _mount_sensors() -> None:
+    from flightstack.sensors_cli import app as sensors_app
+
+    app.add_typer(sensors_app, name="sensors")
+
+
+_mount_sensors()
+
+
+def main() -> None:
+    """Entry point: what a user can get wrong ends in one line and exit code 2."""
+    from flightstack.errors import FlightstackError
+    from flightstack.link import LinkError
+    from flightstack.transport import TransportError
+    from sensors.errors import SensorError
+
+    try:
+        app(standalone_mode=True)
+    except (DocumentError, FlightstackError, LinkError, TransportError, SensorError) as error:
+        typer.echo(f"flightstack: {error}", err=True)
+        raise SystemExit(2) from error
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,212 @@
+"""The shell around the agent: opens links, ports and the network, and gives the agent its ticks.
+
+Everything that waits, fails or takes time is here and not in `flightstack.agent`. One thread ticks; draining
+never blocks; what cannot be sent now is dropped and counted by the link that could not send it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import gc
+import logging
+import pathlib
+import random
+import signal
+import time
+import zlib
+from types import FrameType
+
+import msgspec
+
+from flightstack import topics
+from flightstack.agent import Agent, Inputs, Outputs, PeerMessage
+from flightstack.belief import RECEIVED_BY_DRONES
+from flightstack.clock import Clock, WallClock
+from flightstack.config import DroneConfig
+from flightstack.errors import StartError
+from flightstack.link import ByteLink, open_link
+from flightstack.recording import FlightRecorder
+from flightstack.sensing import PortEvent
+from flightstack.transport import Transport
+from flightstack.transport.zenoh_transport import ZenohTransport
+from flightstack.wire import Command, CommandName, Severity
+from sensors.instruments import default_baud
+from sensors.port import InstrumentPort
+
+log = logging.getLogger("flightstack")
+
+LEVEL = {Severity.INFO: logging.INFO, Severity.WARNING: logging.WARNING, Severity.CRITICAL: logging.ERROR}
+
+
+class AutopilotSilentError(StartError):
+    """Nothing that looks like our autopilot answered on its link."""
+
+
+@dataclasses.dataclass
+class Deadlines:
+    """Which ticks were missed: those whose outputs left more than one period after they were due."""
+
+    period_s: float
+    ticks: int = 0
+    late: int = 0
+    worst_s: float = 0.0
+
+    def next_due_s(self, due_s: float, finished_s: float) -> float:
+        """Count the tick that was due at `due_s` and tell when the next one is; missed ones are not made up."""
+        self.ticks += 1
+        behind_s = finished_s - due_s
+        self.worst_s = max(self.worst_s, behind_s)
+        missed = max(0, int(behind_s / self.period_s))
+        self.late += missed
+        self.ticks += missed
+        return due_s + (missed + 1) * self.period_s
+
+
+@dataclasses.dataclass
+class Shell:
+    """The open ends of one agent."""
+
+    link: ByteLink
+    ports: dict[str, InstrumentPort]
+    transport: Transport
+
+    def gather(self, late_ticks: int) -> Inputs:
+        ports: list[PortEvent] = []
+        for name, port in self.ports.items():
+            ports += [PortEvent(name, event.data, event.connected, event.lost) for event in port.events()]
+        peers = tuple(PeerMessage(r.topic.name, r.sender, r.payload) for r in self.transport.receive())
+        return Inputs(self.link.read(), tuple(ports), peers, late_ticks)
+
+    def send(self, outputs: Outputs) -> None:
+        if outputs.autopilot:
+            self.link.write(outputs.autopilot)
+        for name, data in outputs.ports:
+            self.ports[name].write(data)
+        for topic, payload in outputs.peers:
+            self.transport.publish(topics.TOPICS[topic], payload)
+
+    def close(self) -> None:
+        for port in self.ports.values():
+            port.close()
+        self.transport.close()
+        self.link.close()
+
+
+def open_shell(config: DroneConfig, clock: Clock) -> Shell:
+    """Open everything that the configuration names. What cannot be opened raises with one clear line."""
+    link = open_link(config.autopilot.link)
+    try:
+        transport = ZenohTransport(
+            config.swarm.name,
+            config.drone,
+            listen=config.swarm.listen,
+            connect=config.swarm.connect,
+            receives=RECEIVED_BY_DRONES,
+            tls=config.swarm.tls,
+        )
+    except BaseException:
+        link.close()
+        raise
+    ports = {
+        item.name: InstrumentPort(item.port, item.baud or default_baud(item.type), clock)
+        for item in config.instruments
+        if item.port != "mavlink"
+    }
+    return Shell(link, ports, transport)
+
+
+class Stop:
+    """Signals, remembered: the first one in the air brings the drone home, the second ends the agent."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def install(self) -> None:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._on_signal)
+
+    def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
+        self.count += 1
+
+
+def run(config: DroneConfig, *, file: str = "configuration") -> int:
+    """Fly until told to stop; returns the exit code."""
+    stop = Stop()
+    stop.install()
+    clock = WallClock(config.speedup)
+    incarnation = random.SystemRandom().getrandbits(31)
+    directory = pathlib.Path(config.record_to)
+    directory.mkdir(parents=True, exist_ok=True)
+    agent = Agent(config, incarnation=incarnation)
+    shell = open_shell(config, clock)
+    recorder = FlightRecorder(directory / f"drone-{config.drone}-{incarnation:08x}.mcap")
+    recorder.record("/config", clock.now_s(), {"config": config, "incarnation": incarnation})
+    gc.collect()
+    gc.freeze()  # what start-up made is never searched again: keeps the collector out of the ticks
+    log.info(
+        "drone %d ready: autopilot on %s, swarm %s", config.drone, shell.link.describe, config.swarm.name
+    )
+    try:
+        return _loop(agent, shell, recorder, clock, stop, file)
+    finally:
+        recorder.close()
+        shell.close()
+
+
+def _loop(agent: Agent, shell: Shell, recorder: FlightRecorder, clock: Clock, stop: Stop, file: str) -> int:
+    config = agent.config
+    deadlines = Deadlines(1.0 / config.tick_hz)
+    answer_by_s: float | None = time.monotonic() + config.autopilot.answer_timeout_s
+    going_home = False
+    due_s = clock.now_s()
+    while True:
+        clock.sleep_until(due_s)
+        inputs = shell.gather(deadlines.late)
+        vehicle = agent.session.report
+        if stop.count and (stop.count > 1 or not vehicle.airborne):
+            break
+        if stop.count and not going_home:
+            going_home = True
+            log.warning("told to stop in the air: going home first; a second signal ends the agent at once")
+            inputs = msgspec.structs.replace(inputs, peers=(*inputs.peers, _abort(config.drone)))
+        now_s = clock.now_s()
+        outputs = agent.step(now_s, inputs)
+        shell.send(outputs)
+        _record(recorder, now_s, inputs, outputs)
+        if answer_by_s is not None and vehicle.connected:
+            answer_by_s = None
+        if answer_by_s is not None and time.monotonic() > answer_by_s:
+            raise AutopilotSilentError(
+                f"{file}: autopilot.link: no autopilot with system id {config.drone} answers on "
+                f"{config.autopilot.link}: check the cable, the baud rate and the autopilot's system id"
+            )
+        due_s = deadlines.next_due_s(due_s, clock.now_s())
+    log.info(
+        "drone %d stopped: %d ticks, %d missed (%.2f %%), worst %.0f ms behind",
+        config.drone,
+        deadlines.ticks,
+        deadlines.late,
+        100.0 * deadlines.late / max(deadlines.ticks, 1),
+        1000.0 * deadlines.worst_s / config.speedup,
+    )
+    return 0
+
+
+def _abort(drone: int) -> PeerMessage:
+    """The command that a signal to this process stands for."""
+    command = Command(f"signal-{drone}", "signal", drone, CommandName.ABORT)
+    return PeerMessage(topics.COMMAND.name, "signal", topics.COMMAND.codec.encode(command))
+
+
+def _record(recorder: FlightRecorder, now_s: float, inputs: Inputs, outputs: Outputs) -> None:
+    """Keep the tick: its inputs whole, so that the flight can be replayed, and a fingerprint of its outputs."""
+    recorder.record("/inputs", now_s, inputs)
+    recorder.record("/outputs", now_s, {"crc32": fingerprint(outputs)})
+    for event in outputs.events:
+        log.log(LEVEL[event.severity], "%s: %s", event.code, event.text)
+        recorder.record("/event", now_s, event)
+
+
+def fingerprint(outputs: Outputs) -> int:
+    """One number that differs where two ticks' outputs differ."""
+    return zlib.crc32(msgspec.msgpack.encode(outputs))

@@ -1,0 +1,92 @@
+"""The filter stage of the agent: instruments' bytes and the vehicle's motion to CO2 and wind estimates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import msgspec
+from sensors.co2_filter import Co2Filter, Co2FilterConfig
+from sensors.wind_filter import VehicleMotion, WindFilter, WindFilterConfig
+
+from flightstack.config import InstrumentConfig
+from mission.observation import Scalar, Wind
+from sensors.instruments import make_instrument
+from sensors.samples import Instrument, InstrumentState, Sample
+
+
+class PortEvent(msgspec.Struct, frozen=True, array_like=True):
+    """What happened at an instrument's port since the last tick."""
+
+    instrument: str
+    data: bytes = b""
+    connected: bool = False
+    """The port was opened (again) before `data` came."""
+    lost: str | None = None
+    """Why the port was lost, after `data` came."""
+
+
+class Sensed(msgspec.Struct, frozen=True):
+    co2_ppm: float | None
+    excess_co2_ppm: Scalar | None
+    wind: Wind | None
+    notes: tuple[str, ...]
+    """Why an instrument or an estimate is not as it should be."""
+    to_ports: tuple[tuple[str, bytes], ...]
+
+
+class Sensing:
+    """All instruments and filters of one drone. `step` is called once a tick."""
+
+    def __init__(self, instruments: Sequence[InstrumentConfig]) -> None:
+        self._instruments: dict[str, Instrument] = {
+            item.name: make_instrument(item.type, item.name, dict(item.options)) for item in instruments
+        }
+        self._co2 = Co2Filter(Co2FilterConfig())
+        self._wind = WindFilter(WindFilterConfig())
+        self._latest: dict[str, Sample] = {}
+
+    def step(
+        self,
+        now_s: float,
+        events: Sequence[PortEvent],
+        vehicle_samples: Sequence[Sample],
+        motion: VehicleMotion | None,
+    ) -> Sensed:
+        samples: list[Sample] = list(vehicle_samples)
+        to_ports: list[tuple[str, bytes]] = []
+        for event in events:
+            instrument = self._instruments[event.instrument]
+            if event.connected:
+                to_ports.append((event.instrument, instrument.connected(now_s)))
+            if event.data:
+                samples += instrument.receive(now_s, event.data)
+            if event.lost is not None:
+                samples += instrument.disconnected(now_s, event.lost)
+        for name, instrument in self._instruments.items():
+            data, late = instrument.poll(now_s)
+            to_ports.append((name, data))
+            samples += late
+        for sample in samples:
+            self._latest[sample.instrument] = sample
+        co2 = self._co2.step(now_s, samples)
+        wind = self._wind.step(now_s, samples, motion) if motion is not None else None
+        notes = [
+            f"{name}: {sample.state}" + (f", {sample.reason}" if sample.reason else "")
+            for name, sample in sorted(self._latest.items())
+            if sample.state is not InstrumentState.MEASURING
+        ]
+        excess = None
+        if co2 is not None:
+            if co2.health == "bad":
+                notes.append(f"CO2 estimate: {co2.reason}")
+            else:
+                excess = Scalar(co2.excess_co2_ppm, co2.variance_ppm2, co2.age_s)
+        return Sensed(
+            co2.co2_ppm if co2 is not None else None,
+            excess,
+            None
+            if wind is None or wind.health == "bad"
+            else Wind(wind.wind_ned_mps, wind.variance_m2ps2, wind.age_s),
+            tuple(notes),
+            tuple((name, data) for name, data in to_ports if data),
+        )

@@ -1,0 +1,259 @@
+"""The tree protocol among several drones, over a network that loses, repeats and cuts."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from flightstack.belief import Belief
+from flightstack.swarm_tree import SwarmTree
+from flightstack.topics import STATE
+from flightstack.transport import Received
+from flightstack.wire import DroneState, Phase, TreeState
+from mission.formation import make_layout, rotated
+from mission.frames import Geodetic, LocalFrame, Vector3
+from mission.observation import Decision, Hold, Order, Reading, Stage
+from mission.tree import problems
+
+FRAME = LocalFrame(Geodetic(-5.06, 151.3, 500.0))
+START: Vector3 = (0.0, 0.0, -10.0)
+TICK_S = 0.1
+
+
+class Node:
+    def __init__(self, drone: int, members: tuple[int, ...]) -> None:
+        self.drone = drone
+        self.layout = make_layout("hexagonal", 10.0)
+        self.belief = Belief(drone, members, FRAME)
+        self.tree = SwarmTree(
+            drone, members, self.layout, frame_identity=FRAME.identity, incarnation=1, lost_after_s=3.0
+        )
+        self.phase = Phase.SEARCHING
+        self.inbox: list[TreeState] = []
+        self.decision: Decision | None = None
+        self.sequence = 0
+        self.position: Vector3 = START
+
+    def state(self) -> DroneState:
+        self.sequence += 1
+        return DroneState(
+            sender=self.drone,
+            incarnation=1,
+            sequence=self.sequence,
+            frame=FRAME.identity,
+            phase=self.phase,
+            position_ned_m=self.position,
+            velocity_ned_mps=(0.0, 0.0, 0.0),
+            heading_rad=0.0,
+            home_ned_m=None,
+            armed=True,
+            airborne=True,
+            mode="GUIDED",
+            battery_fraction=1.0,
+            co2_ppm=None,
+            excess_co2_ppm=None,
+            wind=None,
+            epoch=self.tree.epoch,
+            slot=self.tree.slots.get(self.drone),
+            parent=None,
+            healing=False,
+            tracking_best_ppm=None,
+        )
+
+
+class Network:
+    """Steps all live nodes together; delivers what they tell unless the link is cut or the dice say no."""
+
+    def __init__(self, count: int, *, loss: float = 0.0, seed: int = 0) -> None:
+        members = tuple(range(1, count + 1))
+        self.nodes = {drone: Node(drone, members) for drone in members}
+        self.now_s = 0.0
+        self.loss = loss
+        self.random = random.Random(seed)
+        self.dead: set[int] = set()
+        self.hears: dict[int, set[int]] | None = None
+        for node in self.nodes.values():
+            node.tree.begin(0.0, "survey-1", START)
+
+    @property
+    def live(self) -> list[Node]:
+        return [node for drone, node in self.nodes.items() if drone not in self.dead]
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds / TICK_S)):
+            self.now_s += TICK_S
+            said = [(node.drone, node.tree.message(), node.state()) for node in self.live]
+            for node in self.live:
+                trees = []
+                for sender, tree, state in said:
+                    if sender == node.drone or self.random.random() < self.loss:
+                        continue
+                    if self.hears is not None and sender not in self.hears[node.drone]:
+                        continue
+                    trees.append(tree)
+                    node.belief.update(self.now_s, [Received(STATE, str(sender), STATE.codec.encode(state))])
+                node.tree.step(self.now_s, trees, node.belief, node.decision, node.position)
+                node.decision = None
+
+    def agreed(self) -> dict[int, int]:
+        """The assignment, after checking that all live nodes hold the same whole tree of just themselves."""
+        first = self.live[0].tree
+        for node in self.live:
+            assert node.tree.slots == first.slots
+            assert node.tree.epoch == first.epoch
+            assert node.tree.order == first.order
+        assert sorted(first.slots) == sorted(set(self.nodes) - self.dead)
+        assert problems(first.slots, self.live[0].layout) == []
+        return first.slots
+
+
+def test_everybody_learns_the_roots_first_order() -> None:
+    network = Network(5)
+    network.run(1.0)
+    network.agreed()
+    order = network.nodes[5].tree.order
+    assert order is not None
+    assert (order.sequence, order.stage, order.anchor_ned_m) == (1, Stage.FORM, START)
+
+
+def test_readings_reach_the_root() -> None:
+    network = Network(5)
+    network.run(1.0)
+    for node in network.live:
+        reading = Reading(node.drone, 1, START, 10.0 * node.drone, 4.0)
+        node.decision = Decision(Hold(), reading=reading)
+    network.run(1.0)
+    assert [r.drone for r in network.nodes[1].tree.readings] == [1, 2, 3, 4, 5]
+
+
+def test_readings_of_another_order_are_not_mixed_in() -> None:
+    network = Network(3)
+    network.run(1.0)
+    network.nodes[2].decision = Decision(Hold(), reading=Reading(2, 7, START, 10.0, 4.0))
+    network.run(1.0)
+    assert network.nodes[1].tree.readings == ()
+
+
+@pytest.mark.parametrize("victim", [1, 3, 5])
+def test_a_dead_drone_is_healed_around(victim: int) -> None:
+    network = Network(5)
+    network.run(1.0)
+    network.dead.add(victim)
+    network.run(6.0)
+    slots = network.agreed()
+    assert len(slots) == 4
+    assert network.live[0].tree.epoch == 1
+    assert network.live[0].tree.heals == 1
+    order = network.live[0].tree.order
+    assert order is not None
+    assert order.sequence == 2
+
+
+def test_root_and_its_heir_die_together() -> None:
+    network = Network(7)
+    network.run(1.0)
+    place = network.nodes[1].tree.place(moving=False, belief=network.nodes[1].belief, now_s=network.now_s)
+    assert place.heir is not None
+    network.dead |= {1, place.heir}
+    network.run(12.0)
+    network.agreed()
+
+
+def test_down_to_a_single_survivor() -> None:
+    network = Network(4)
+    network.run(1.0)
+    for victim in (1, 2, 3):
+        network.dead.add(victim)
+        network.run(8.0)
+        network.agreed()
+    assert network.nodes[4].tree.slots == {4: 0}
+
+
+def test_a_drone_that_says_it_leaves_is_replaced_without_waiting_for_silence() -> None:
+    network = Network(5)
+    network.run(1.0)
+    network.nodes[3].phase = Phase.RETURNING
+    network.run(1.5)
+    assert 3 not in network.nodes[1].tree.slots
+    assert not network.nodes[3].tree.member
+
+
+def test_the_formation_stays_where_it_stopped() -> None:
+    network = Network(5)
+    network.run(1.0)
+    root = network.nodes[1]
+    root.decision = Decision(Hold(), order=Order(2, Stage.SEARCH, (100.0, 0.0, -10.0), 0.3))
+    network.run(1.0)
+    for node in network.live:  # half way to the anchor when drone 4 dies
+        offset = rotated(node.layout.offset_m(node.tree.slots[node.drone]), 0.3)
+        node.position = (50.0 + offset[0], offset[1], -10.0)
+    network.dead.add(4)
+    network.run(6.0)
+    network.agreed()
+    order = root.tree.order
+    assert order is not None
+    assert order.anchor_ned_m == pytest.approx((50.0, 0.0, -10.0))
+    assert order.stage is Stage.SEARCH
+
+
+def test_knowledge_of_another_survey_changes_nothing() -> None:
+    network = Network(3)
+    node = network.nodes[2]
+    foreign = TreeState(1, 1, FRAME.identity, 9, 1, ((2, 0),), (), None, (), 0, "survey-0")
+    node.tree.step(0.1, [foreign], node.belief, None, START)
+    assert node.tree.epoch == 0
+
+
+def test_an_assignment_that_is_no_tree_is_not_adopted() -> None:
+    network = Network(3)
+    node = network.nodes[2]
+    broken = TreeState(1, 1, FRAME.identity, 9, 1, ((2, 0), (3, 0)), (), None, (), 0, "survey-1")
+    node.tree.step(0.1, [broken], node.belief, None, START)
+    assert node.tree.epoch == 0
+
+
+def test_only_the_root_orders() -> None:
+    network = Network(3)
+    network.run(1.0)
+    network.nodes[2].decision = Decision(Hold(), order=Order(9, Stage.TRACK, START, 0.0))
+    network.run(1.0)
+    order = network.nodes[2].tree.order
+    assert order is not None
+    assert order.sequence == 1
+
+
+def test_a_tree_whose_radios_reach_only_relatives_still_heals() -> None:
+    """Nineteen drones, each hearing only those within one spacing (and a bit) of its own slot."""
+    network = Network(19)
+    network.run(0.5)
+    layout = network.nodes[1].layout
+    where = {drone: layout.offset_m(drone - 1) for drone in network.nodes}
+    network.hears = {
+        a: {b for b in network.nodes if abs(complex(*where[a]) - complex(*where[b])) < 10.5}
+        for a in network.nodes
+    }
+    network.run(4.0)
+    network.dead.add(3)
+    network.run(8.0)
+    assert 3 not in network.nodes[1].tree.slots
+    assert network.nodes[1].tree.heals >= 1
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    count=st.integers(2, 9),
+    victims=st.lists(st.tuples(st.integers(1, 9), st.floats(0.2, 4.0)), max_size=6),
+    seed=st.integers(0, 1000),
+)
+def test_any_losses_end_in_one_whole_tree(count: int, victims: list[tuple[int, float]], seed: int) -> None:
+    network = Network(count, loss=0.3, seed=seed)
+    network.run(1.0)
+    for victim, wait_s in victims:
+        if victim in network.nodes and len(network.live) > 1:
+            network.dead.add(victim)
+            network.run(wait_s)
+    network.run(5.0 * len(network.nodes) + 5.0)
+    network.agreed()
