@@ -26,6 +26,9 @@ GAIN_PER_S = 0.8
 SEPARATION_MARGIN_M = 1.0
 """Room over the configured minimum for the positions' own errors."""
 
+REACTION_S = 0.3
+"""Time from a setpoint to the vehicle's following it."""
+
 AGEING_MPS = 0.5
 """How fast the room around a silent neighbour grows with the age of what it last said."""
 
@@ -205,10 +208,26 @@ class Guard:
         towards = (outward[0] / length_m, outward[1] / length_m, 0.0)
         allowed_mps = braking_speed_mps(spare_m, self._limits.acceleration_mps2)
         closing_mps = _dot(velocity, towards)
-        if closing_mps <= allowed_mps:
+        kept = (
+            velocity if closing_mps <= allowed_mps else _minus(velocity, towards, closing_mps - allowed_mps)
+        )
+        kept = self._able_to_stop(position, kept, spare_m)
+        if kept != velocity:
+            held_by.append("geofence")
+        return kept
+
+    def _able_to_stop(self, position: Vector3, velocity: Vector3, spare_m: float) -> Vector3:
+        """Slow down until the drone can stop inside: a corner has a second edge that is not the nearest yet."""
+        if self._fence is None:
             return velocity
-        held_by.append("geofence")
-        return _minus(velocity, towards, closing_mps - allowed_mps)
+        needed_m = self._limits.fence_margin_m + min(spare_m, 0.0) - 0.1
+        for part in (1.0, 0.8, 0.6, 0.4, 0.2):
+            north_mps, east_mps = velocity[0] * part, velocity[1] * part
+            stop_s = REACTION_S + math.hypot(north_mps, east_mps) / (1.2 * self._limits.acceleration_mps2)
+            stop = position[0] + north_mps * stop_s, position[1] + east_mps * stop_s
+            if self._fence.clearance_m(*stop) >= needed_m:
+                return north_mps, east_mps, velocity[2]
+        return 0.0, 0.0, velocity[2]
 
     def _capped(self, velocity: Vector3, speed_mps: float) -> Vector3:
         limits = self._limits
