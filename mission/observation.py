@@ -64,6 +64,14 @@ class Order(msgspec.Struct, frozen=True, array_like=True):
     """Rotation of the whole formation about the anchor, from north towards east."""
     source_ned_m: Vector3 | None = None
     """The estimated source, when the stage is FOUND."""
+    search_index: int = -1
+    """Number of the search point that was ordered last, -1 before the first: a new root goes on from here."""
+    search_start_ned_m: Vector3 | None = None
+    """Where the search began; None before it did."""
+    best: Reading | None = None
+    """The reading that a better one must beat, None without contact."""
+    waypoints_since_best: int = 0
+    """How many waypoints have been visited since `best` was taken."""
 
 
 class OwnState(msgspec.Struct, frozen=True):
