@@ -21,7 +21,7 @@ from flightstack.config import DroneConfig
 from flightstack.guard import Guard, Guarded, PositionTarget
 from flightstack.guidance import CORRIDOR_M, horizontal_m, over_the_top, underneath
 from flightstack.phase import IN_FORMATION, Ask, FlightPhase, Note, PhaseStep, SwarmFacts, VehicleFacts
-from flightstack.sensing import PortEvent, Sensed, Sensing
+from flightstack.sensing import PortInput, Sensed, Sensing
 from flightstack.swarm_tree import SwarmTree, TreeNews
 from flightstack.topics import Topic
 from flightstack.transport import Received
@@ -60,7 +60,7 @@ class Inputs(msgspec.Struct, frozen=True, array_like=True):
     """Everything that reached the drone since its last tick."""
 
     autopilot: bytes = b""
-    ports: tuple[PortEvent, ...] = ()
+    ports: tuple[PortInput, ...] = ()
     peers: tuple[PeerMessage, ...] = ()
     late_ticks: int = 0
     """Ticks since start-up that began more than a period late, as the runner counts them."""
@@ -125,7 +125,7 @@ class Agent:
         )
         vehicle = self.session.report
         notes += [Note(Severity.WARNING, "peer", problem) for problem in inbox.problems]
-        notes += [Note(_severity(text.severity), "statustext", text.text) for text in vehicle.new_texts]
+        notes += [Note(_severity(text.severity), "statustext", text.text) for text in vehicle.texts]
         # filters
         sensed = self._sensing.step(
             now_s, inputs.ports, self._vehicle_samples(now_s, vehicle), _motion(vehicle)
@@ -157,14 +157,14 @@ class Agent:
     def _vehicle_samples(self, now_s: float, vehicle: VehicleReport) -> list[Sample]:
         """What the autopilot says that an instrument could have said: its wind estimate, readings it relays."""
         samples = []
-        if vehicle.wind_ned_mps is not None:
+        if vehicle.wind is not None and vehicle.wind.age_s < 0.5 / self.config.tick_hz:
             samples.append(
                 Sample(
                     now_s,
                     "autopilot wind",
                     InstrumentState.MEASURING,
-                    wind_ned_mps=vehicle.wind_ned_mps,
-                    wind_sd_mps=vehicle.wind_sd_mps,
+                    wind_ned_mps=vehicle.wind.wind_ned_mps,
+                    wind_sd_mps=vehicle.wind.sd_mps,
                 )
             )
         relayed = {
@@ -173,9 +173,9 @@ class Agent:
             if i.port == "mavlink"
         }
         samples += [
-            Sample(now_s, relayed[name], InstrumentState.MEASURING, co2_ppm=value)
-            for name, value in vehicle.named_values
-            if name in relayed and math.isfinite(value) and value >= 0.0
+            Sample(now_s, relayed[item.name], InstrumentState.MEASURING, co2_ppm=item.value)
+            for item in vehicle.named_values
+            if item.name in relayed and math.isfinite(item.value) and item.value >= 0.0
         ]
         return samples
 
@@ -365,7 +365,7 @@ class Agent:
     ) -> Guarded | None:
         """Give the autopilot its setpoint of this tick, if steering is ours."""
         position, velocity = vehicle.position_ned_m, vehicle.velocity_ned_mps
-        if not phase.steering or position is None or velocity is None:
+        if not phase.steering or position is None or velocity is None or vehicle.position_age_s is None:
             return None
         guarded = self._guard.apply(intent, position, velocity, vehicle.position_age_s, neighbours)
         if isinstance(guarded.setpoint, PositionTarget):

@@ -26,11 +26,11 @@ from flightstack.config import DroneConfig
 from flightstack.errors import StartError
 from flightstack.link import ByteLink, open_link
 from flightstack.recording import FlightRecorder
-from flightstack.sensing import PortEvent
+from flightstack.sensing import PortInput
 from flightstack.transport import Transport
 from flightstack.transport.zenoh_transport import ZenohTransport
 from flightstack.wire import Command, CommandName, Severity
-from sensors.instruments import default_baud
+from sensors.instruments import instrument_type
 from sensors.port import InstrumentPort
 
 log = logging.getLogger("flightstack")
@@ -71,9 +71,13 @@ class Shell:
     transport: Transport
 
     def gather(self, late_ticks: int) -> Inputs:
-        ports: list[PortEvent] = []
+        ports: list[PortInput] = []
         for name, port in self.ports.items():
-            ports += [PortEvent(name, event.data, event.connected, event.lost) for event in port.events()]
+            data, events = port.read(), port.events()
+            ports += [PortInput(name, connected=True) for event in events if event.connected]
+            if data:
+                ports.append(PortInput(name, data))
+            ports += [PortInput(name, lost=event.reason) for event in events if not event.connected]
         peers = tuple(PeerMessage(r.topic.name, r.sender, r.payload) for r in self.transport.receive())
         return Inputs(self.link.read(), tuple(ports), peers, late_ticks)
 
@@ -108,7 +112,9 @@ def open_shell(config: DroneConfig, clock: Clock) -> Shell:
         link.close()
         raise
     ports = {
-        item.name: InstrumentPort(item.port, item.baud or default_baud(item.type), clock)
+        item.name: InstrumentPort(
+            item.port, item.baud or instrument_type(item.type).default_baud, clock.now_s
+        )
         for item in config.instruments
         if item.port != "mavlink"
     }

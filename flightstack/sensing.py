@@ -14,7 +14,7 @@ from sensors.instruments import make_instrument
 from sensors.samples import Instrument, InstrumentState, Sample
 
 
-class PortEvent(msgspec.Struct, frozen=True, array_like=True):
+class PortInput(msgspec.Struct, frozen=True, array_like=True):
     """What happened at an instrument's port since the last tick."""
 
     instrument: str
@@ -48,7 +48,7 @@ class Sensing:
     def step(
         self,
         now_s: float,
-        events: Sequence[PortEvent],
+        events: Sequence[PortInput],
         vehicle_samples: Sequence[Sample],
         motion: VehicleMotion | None,
     ) -> Sensed:
