@@ -1,0 +1,110 @@
+"""One agent on one core: time of a step with 20 peers, resident memory, start-up.
+
+The inputs are those that one of 20 drones got in a simulated survey, byte for byte; they are then given to a new
+agent as fast as it takes them.
+"""
+
+from __future__ import annotations
+
+import json
+import pathlib
+import subprocess
+import sys
+import tempfile
+import time
+
+import numpy as np
+
+from flightstack.agent import Agent, Inputs, Outputs
+from flightstack.wire import CommandName
+from simvehicle.launch import plan
+from simvehicle.scenario import Scenario
+from simvehicle.survey import load
+
+DRONES = 20
+WATCHED = 7
+FLIGHT_S = 150.0
+
+SURVEY = f"""
+name: bench
+origin: {{latitude_deg: -5.06, longitude_deg: 151.3, amsl_m: 500.0}}
+launch_line: {{count: {DRONES}, spacing_m: 8.0}}
+formation: {{layers: 5}}
+limits: {{ceiling_above_home_m: 60.0}}
+plume: {{type: gaussian, source_north_m: 60.0, source_east_m: 40.0}}
+geofence:
+  inclusion:
+    - [[-5.063, 151.297], [-5.063, 151.303], [-5.057, 151.303], [-5.057, 151.297]]
+ready_after_s: 10
+"""
+
+PROBE = """
+import json, resource, sys, time
+began = time.perf_counter()
+from flightstack.agent import Agent
+from flightstack.config import load
+import flightstack.runner
+imported = time.perf_counter() - began
+agent = Agent(load(sys.argv[1]), incarnation=1)
+agent.step(0.0, flightstack.runner.Inputs())
+shell = None
+print(json.dumps({
+    "import_s": imported,
+    "rss_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+    "compilers": [m for m in ("numba", "matplotlib", "pandas", "mavsdk", "textual") if m in sys.modules],
+}))
+"""
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory() as name:
+        directory = pathlib.Path(name)
+        file = directory / "survey.yaml"
+        file.write_text(SURVEY, encoding="utf-8")
+        drafted = plan(load(file), directory)
+        config = next(d for d in drafted.drones if d.drone == WATCHED)
+        probe = subprocess.run(
+            [sys.executable, "-c", PROBE, str(directory / f"drone-{WATCHED}.yaml")],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        scenario = Scenario(drafted.drones, drafted.fleet)
+        ticks: list[tuple[float, Inputs]] = []
+
+        def tap(drone: int, now_s: float, inputs: Inputs, _: Outputs) -> None:
+            if drone == WATCHED:
+                ticks.append((now_s, inputs))
+
+        scenario.tap = tap
+        scenario.run(5.0)
+        scenario.command(CommandName.START)
+        scenario.run(FLIGHT_S)
+    agent = Agent(config, incarnation=WATCHED)
+    took_ms = np.empty(len(ticks))
+    for index, (now_s, inputs) in enumerate(ticks):
+        began = time.perf_counter()
+        agent.step(now_s, inputs)
+        took_ms[index] = 1000.0 * (time.perf_counter() - began)
+    facts = json.loads(probe.stdout)
+    p50, p99 = np.percentile(took_ms, (50.0, 99.0))
+    if facts["compilers"]:
+        raise SystemExit(f"imported on board but must not be: {facts['compilers']}")
+    print(f"agent step, {DRONES - 1} peers, {len(ticks)} ticks, ended in phase {agent.phase.phase}")
+    report("step p50", p50, "ms", None)
+    report("step p99", p99, "ms", 5.0)
+    report("share of one core at 10 Hz", took_ms.mean() * 10.0 / 1000.0 * 100.0, "%", None)
+    report("resident memory", facts["rss_mb"], "MB", 140.0)
+    report("import time", facts["import_s"], "s", None)
+
+
+def report(what: str, measured: float, unit: str, target: float | None) -> None:
+    """Print one line; leave with an error where the target is missed."""
+    verdict = "" if target is None else f"target {target:g} {unit}: {'ok' if measured <= target else 'MISSED'}"
+    print(f"  {what:<32} {measured:10.3f} {unit:<4} {verdict}")
+    if target is not None and measured > target:
+        raise SystemExit(f"{what}: {measured:.3f} {unit} is over the target of {target:g} {unit}")
+
+
+if __name__ == "__main__":
+    main()
