@@ -9,17 +9,21 @@ import numpy as np
 from mission.frames import Vector3
 from mission.observation import Reading
 
-_STRONG = 0.3
-"""Readings below this fraction of the best one belong to the plume's skirts, where its shape is no paraboloid."""
+_STRONG = 0.7
+"""Readings below this fraction of the best one are left out: downwind the plume falls off more slowly than
+upwind, and what lies far down its flanks would draw the estimate downwind."""
+_REACH = 0.8
+"""As are readings farther from the best one than this fraction of the formation's spacing."""
 
 
-def estimate_source(readings: Sequence[Reading], reach_m: float) -> Vector3:
+def estimate_source(readings: Sequence[Reading], spacing_m: float) -> Vector3:
     """The point of the largest concentration (NED, m), from at least one reading above 0.
 
-    The logarithm of the strong readings within `reach_m` of the best one is fitted with a paraboloid (a plume's
+    The logarithm of the strong readings around the best one is fitted with a paraboloid (a plume's
     cross-section is a Gaussian: its logarithm is one exactly), and its summit is taken. Where the fit has
     no summit, or one outside the region that was read, it is the centroid of the best readings.
     """
+    reach_m = _REACH * spacing_m
     usable = [r for r in readings if np.isfinite(r.variance_ppm2) and r.excess_co2_ppm > 0.0]
     best = max(usable, key=lambda reading: reading.excess_co2_ppm)
     near = [
