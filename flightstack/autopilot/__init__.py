@@ -1,0 +1,24 @@
+"""The session with the autopilot: ArduPilot and PX4 behind one report and one set of requests.
+
+`framing` finds messages in bytes, `telemetry` keeps what they say, `authority` knows whose the vehicle is, `streams`
+asks for messages, `exchanges` are single questions, `requests`, `arming` and `takeoff` what the agent can ask, and
+`session` ties them to the tick.
+"""
+
+from __future__ import annotations
+
+from flightstack.autopilot.modes import Flavour
+from flightstack.autopilot.report import StatusText, TakenBy, VehicleReport
+from flightstack.autopilot.requests import Outcome, RequestKind, RequestResult
+from flightstack.autopilot.session import AutopilotSession
+
+__all__ = [
+    "AutopilotSession",
+    "Flavour",
+    "Outcome",
+    "RequestKind",
+    "RequestResult",
+    "StatusText",
+    "TakenBy",
+    "VehicleReport",
+]

@@ -1,0 +1,109 @@
+"""Who has the vehicle: us, a pilot, or a failsafe of the autopilot.
+
+A mode that we did not ask for ends our authority. It is given back only by a new arming or by our own
+`take_control`, never because the mode happens to be ours again: the pilot may only be passing through it.
+"""
+
+from __future__ import annotations
+
+import re
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from flightstack.autopilot.modes import Flavour, mode_name
+from flightstack.autopilot.report import TakenBy
+
+EXPECTED_FOR_S = 5.0
+"""How long after the last request for a mode its coming is still our doing."""
+EVIDENCE_S = 3.0
+"""How far a failsafe's text and its change of mode may be apart, either way."""
+
+_CRITICAL = frozenset(
+    (mavlink.MAV_STATE_CRITICAL, mavlink.MAV_STATE_EMERGENCY, mavlink.MAV_STATE_FLIGHT_TERMINATION)
+)
+_FAILSAFE_TEXT = re.compile(
+    r"fail-?safe|breach|crash|thrust loss|motor failure|parachute|terminat|critical battery|link lost|signal lost",
+    re.IGNORECASE,
+)
+_NOT_A_FAILSAFE = re.compile(r"clear(ed)?\b|^(pre)?arm:|^preflight|^arming denied|\boff\b", re.IGNORECASE)
+
+
+def is_failsafe_text(text: str) -> bool:
+    """Does this text say that a failsafe acts now? Severity is no help: ArduPilot's fence breach is a mere notice."""
+    return bool(_FAILSAFE_TEXT.search(text)) and not _NOT_A_FAILSAFE.search(text)
+
+
+class Authority:
+    """Follows heartbeats and status texts; `taken_by` and `failsafe` are its findings."""
+
+    def __init__(self) -> None:
+        self.taken_by = TakenBy.NOBODY
+        self.taken_reason = ""
+        self.failsafe_reason = ""
+        self.takeovers = 0
+        """How often a mode came that we had not asked for."""
+        self._flavour = Flavour.UNKNOWN
+        self._armed: bool | None = None
+        self._mode: int | None = None
+        self._critical = False
+        self._critical_since_s: float | None = None
+        self._text: tuple[float, str] | None = None
+        self._changed_s: float | None = None
+        self._expected: dict[int, float] = {}
+
+    @property
+    def failsafe(self) -> bool:
+        return self.taken_by is TakenBy.AUTOPILOT or (self._critical and bool(self._armed))
+
+    def expect(self, now_s: float, mode: int) -> None:
+        """We are asking for `mode`."""
+        self._expected[mode] = now_s
+
+    def regain(self) -> None:
+        """A request of ours (arm, take control, …) has succeeded: the vehicle is ours."""
+        self.taken_by = TakenBy.NOBODY
+        self.taken_reason = ""
+
+    def heartbeat(self, now_s: float, flavour: Flavour, armed: bool, mode: int, system_status: int) -> None:
+        self._flavour = flavour
+        critical = system_status in _CRITICAL
+        if critical and not self._critical:
+            self._critical_since_s = now_s
+        if not critical and self._critical:
+            self.failsafe_reason = ""
+        self._critical = critical
+        if armed and self._armed is False:
+            self.regain()
+            self.failsafe_reason = ""
+        elif armed and self._armed and self._mode is not None and mode != self._mode:
+            self._mode_changed(now_s, self._mode, mode)
+        self._armed, self._mode = armed, mode
+
+    def text(self, now_s: float, text: str) -> None:
+        if not is_failsafe_text(text):
+            return
+        self._text = (now_s, text)
+        self.failsafe_reason = text
+        late = self._changed_s is not None and now_s - self._changed_s <= EVIDENCE_S
+        if late and self.taken_by is TakenBy.PILOT:
+            self.taken_by = TakenBy.AUTOPILOT
+            self.taken_reason += f" ({text})"
+            self._text = self._changed_s = None
+
+    def _mode_changed(self, now_s: float, old: int, new: int) -> None:
+        asked_s = self._expected.get(new)
+        if asked_s is not None and now_s - asked_s <= EXPECTED_FOR_S:
+            return
+        self._changed_s = now_s
+        self.takeovers += 1
+        change = f"mode changed from {mode_name(self._flavour, old)} to {mode_name(self._flavour, new)}"
+        said = self._text is not None and now_s - self._text[0] <= EVIDENCE_S
+        turned = self._critical_since_s is not None and now_s - self._critical_since_s <= EVIDENCE_S
+        if said and self._text is not None:
+            self.taken_by, self.taken_reason = TakenBy.AUTOPILOT, f"{change} ({self._text[1]})"
+        elif turned:
+            self.taken_by, self.taken_reason = TakenBy.AUTOPILOT, f"{change} (its state became critical)"
+        else:
+            self.taken_by, self.taken_reason = TakenBy.PILOT, change
+        # Evidence explains one change only: what the pilot does after the failsafe is the pilot's doing.
+        self._text = self._critical_since_s = None

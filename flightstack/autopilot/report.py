@@ -1,0 +1,74 @@
+"""What the session knows of the vehicle at one instant, as one frozen value."""
+
+from __future__ import annotations
+
+import enum
+
+import msgspec
+
+from flightstack.autopilot.modes import Flavour
+from mission.frames import Vector3
+
+
+class TakenBy(enum.StrEnum):
+    """Who ended our authority over the vehicle in this flight."""
+
+    NOBODY = "nobody"
+    PILOT = "pilot"
+    """A person, by remote control or ground station: a mode that we did not ask for, and no failsafe in sight."""
+    AUTOPILOT = "autopilot"
+    """The autopilot itself: fence, estimator, battery, lost link."""
+
+
+class StatusText(msgspec.Struct, frozen=True):
+    severity: int
+    """MAV_SEVERITY: 0 emergency … 2 critical, 4 warning, 6 information, 7 debug."""
+    text: str
+
+
+class VehicleReport(msgspec.Struct, frozen=True, kw_only=True):
+    """A snapshot. Positions are in the swarm's frame; ages are on the agent's clock, None before the first value."""
+
+    connected: bool
+    """A heartbeat of our own autopilot came within the last 5 s."""
+    heartbeat_age_s: float | None
+    flavour: Flavour
+    armed: bool
+    airborne: bool
+    mode: str
+    """The autopilot's mode in its own words, "" before the first heartbeat."""
+    mode_ours: bool
+    """The mode is GUIDED or OFFBOARD and nobody took the vehicle from us since the last arming or `take_control`."""
+    taken_by: TakenBy
+    taken_reason: str
+    """Why and how authority was lost, in words; empty while it was not."""
+    ready: bool
+    """The autopilot may be armed as far as it tells."""
+    ready_reason: str
+    """What it still waits for, or why it refused the last arming; empty otherwise."""
+    position_ned_m: Vector3 | None
+    """The newest position that the autopilot's estimator vouched for."""
+    position_age_s: float | None
+    velocity_ned_mps: Vector3 | None
+    attitude_rad: Vector3 | None
+    """Roll, pitch, yaw."""
+    attitude_age_s: float | None
+    heading_rad: float | None
+    """The nose's direction from true north towards east, 0 to 2 pi."""
+    home_ned_m: Vector3 | None
+    """Where the autopilot will return to."""
+    battery_fraction: float | None
+    battery_voltage_v: float | None
+    wind_ned_mps: Vector3 | None
+    """The autopilot's own estimate of where the air goes, if one came since the last `step`."""
+    wind_sd_mps: float | None
+    """Standard deviation of `wind_ned_mps` per horizontal axis; None where the autopilot does not say."""
+    failsafe: bool
+    """A failsafe acts or has taken the vehicle."""
+    failsafe_reason: str
+    named_values: tuple[tuple[str, float], ...]
+    """NAMED_VALUE_FLOATs (name, value) since the last `step`: how instruments behind the autopilot report."""
+    new_texts: tuple[StatusText, ...]
+    """Status texts since the last `step`."""
+    notes: tuple[str, ...]
+    """What an operator should know: streams that do not come, an autopilot with a wrong system id."""
