@@ -98,10 +98,10 @@ class FleetView:
     def __init__(self, members: Iterable[int], frame: LocalFrame | None, started_s: float) -> None:
         self.members = tuple(members)
         self.frame = frame
-        """None: taken as unknown; positions then stay in the drones' own metres."""
+        """None: not known; there are no latitudes then, and autopilots' own positions cannot be placed."""
         self.started_s = started_s
         self.agents: dict[int, Agent] = {}
-        self.vehicles = Vehicles(frame) if frame is not None else None
+        self.vehicles = Vehicles(frame)
         self.events: deque[tuple[float, Event]] = deque(maxlen=_EVENTS_KEPT)
         self.asked: dict[str, Asked] = {}
         self.garbled: dict[str, Garbled] = {}
@@ -111,7 +111,7 @@ class FleetView:
 
     def drones(self) -> list[int]:
         """Members in their order, then everybody else who was heard."""
-        heard = set(self.agents) | (self.vehicles.systems() if self.vehicles else set())
+        heard = set(self.agents) | self.vehicles.systems()
         if self.report is not None:
             heard |= {vehicle.drone for vehicle in self.report.vehicles}
         return [*self.members, *sorted(heard - set(self.members))]
@@ -123,7 +123,7 @@ class FleetView:
         return agent
 
     def vehicle(self, drone: int) -> Component | None:
-        return self.vehicles.autopilot(drone) if self.vehicles is not None else None
+        return self.vehicles.autopilot(drone)
 
     def heard_vehicle(self, drone: int, now_s: float) -> HeardVehicle | None:
         """The vehicle as heard over MAVLink here, else as the running ground station reports it."""
@@ -152,8 +152,6 @@ class FleetView:
     # -- messages ------------------------------------------------------------------------------------------
 
     def receive_mavlink(self, now_s: float, link: int, message: Any) -> Component:
-        if self.vehicles is None:
-            raise ValueError("a fleet view without a frame cannot take MAVLink")
         component = self.vehicles.receive(now_s, link, message)
         agent = self.agents.get(component.source.system)
         if agent is not None and component.role is Role.AUTOPILOT and not component.armed:

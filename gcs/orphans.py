@@ -20,7 +20,7 @@ import enum
 import msgspec
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flightstack.autopilot.modes import PX4_TAKEOFF, Duty, Flavour, mode_of
+from flightstack.autopilot.modes import Duty, Flavour, mode_of
 from flightstack.topics import TREE
 from flightstack.wire import Phase, Severity
 from gcs.config import OrphanConfig
@@ -173,7 +173,7 @@ class OrphanKeeper:
         silence_s = now_s - case.since_s
         if silence_s < self._config.grace_s:
             return ""
-        if fleet.vehicles is not None and fleet.vehicles.companion_age_s(drone, now_s) <= HEARTBEAT_LOST_S:
+        if fleet.vehicles.companion_age_s(drone, now_s) <= HEARTBEAT_LOST_S:
             return "its companion is heard over MAVLink"
         if phase in SURVEYING and any(_witnesses(now_s, fleet, drone)):
             return "other drones still count it in"
@@ -224,7 +224,7 @@ def _px4_by_itself(vehicle: Component, case: _Case, phase: Phase | None) -> bool
         return False
     holds = vehicle.custom_mode == mode_of(Flavour.PX4, Duty.HOLD)
     if phase is Phase.TAKEOFF:
-        return holds or vehicle.custom_mode == PX4_TAKEOFF
+        return holds or vehicle.mode == "TAKEOFF"
     return holds and 0.0 <= vehicle.mode_since_s - case.since_s <= FAILSAFE_HOLD_S
 
 

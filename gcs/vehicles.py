@@ -60,7 +60,7 @@ class Acknowledgement(NamedTuple):
 class Component:
     """One MAVLink component on one link. Times are the receiver's, seconds on its own clock."""
 
-    def __init__(self, source: Source, frame: LocalFrame) -> None:
+    def __init__(self, source: Source, frame: LocalFrame | None) -> None:
         self.source = source
         self.role = Role.UNKNOWN
         self.flavour = Flavour.UNKNOWN
@@ -145,7 +145,7 @@ class Component:
         if no_fix or not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0):
             return
         self.geodetic = Geodetic(latitude_deg, longitude_deg, message.alt * 1e-3)
-        self.position_ned_m = self._frame.to_ned(self.geodetic)
+        self.position_ned_m = self._frame.to_ned(self.geodetic) if self._frame is not None else None
         self.velocity_ned_mps = (message.vx * 0.01, message.vy * 0.01, message.vz * 0.01)
         self.above_home_m = message.relative_alt * 1e-3
         self.heading_rad = math.radians(message.hdg * 0.01) if message.hdg != 0xFFFF else None
@@ -154,14 +154,17 @@ class Component:
         del now_s
         latitude_deg, longitude_deg = message.latitude * 1e-7, message.longitude * 1e-7
         unset = message.latitude == 0 and message.longitude == 0
-        if not unset and abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0:
+        sound = not unset and abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0
+        if sound and self._frame is not None:
             self.home_ned_m = self._frame.to_ned(
                 Geodetic(latitude_deg, longitude_deg, message.altitude * 1e-3)
             )
 
     def _battery(self, now_s: float, message: Any) -> None:
         del now_s
-        if message.battery_remaining >= 0 and getattr(message, "id", 0) == 0:
+        # Of several batteries the first counts. (In pymavlink a message without a field "id" has its type's there.)
+        second = message.get_msgId() == mavlink.MAVLINK_MSG_ID_BATTERY_STATUS and message.id != 0
+        if message.battery_remaining >= 0 and not second:
             self.battery_fraction = min(message.battery_remaining / 100.0, 1.0)
 
     def _extended_state(self, now_s: float, message: Any) -> None:
@@ -211,7 +214,7 @@ def _role(heartbeat: Any) -> Role:
 class Vehicles:
     """Every MAVLink component heard on any link."""
 
-    def __init__(self, frame: LocalFrame) -> None:
+    def __init__(self, frame: LocalFrame | None) -> None:
         self._frame = frame
         self.components: dict[Source, Component] = {}
 

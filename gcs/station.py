@@ -1,0 +1,219 @@
+"""The ground station's core: one synchronous step a tick, messages and bytes in, messages and bytes out.
+
+Like the agent's, it is deterministic in its arguments: the sockets, files and the clock are in `gcs.serve`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import msgspec
+
+from flightstack import topics
+from flightstack.topics import Topic
+from flightstack.transport import Received
+from flightstack.wire import (
+    Command,
+    Event,
+    GroundBeat,
+    GroundReport,
+    Severity,
+    Traffic,
+    TrafficVehicle,
+)
+from gcs.config import GroundConfig
+from gcs.fleet import FleetView
+from gcs.mavlink_port import MavlinkPort
+from gcs.monitor import Monitor, on_the_wire
+from gcs.orphans import OrphanKeeper
+from gcs.proxy import CommandProxy
+from gcs.streams import StreamAsker
+from gcs.vehicles import Component
+from mission.frames import LocalFrame
+from mission.geofence import Geofence, LocalFence
+
+HEARTBEAT_HZ = 1.0
+TRAFFIC_POSITION_MAX_AGE_S = 5.0
+"""A vehicle whose last position is older is no use as an obstacle: it may be anywhere."""
+
+
+class TimelineEntry(msgspec.Struct, frozen=True):
+    """One record of the merged timeline."""
+
+    topic: str
+    message: Any
+
+
+class Frame(msgspec.Struct, frozen=True):
+    """One MAVLink frame for a vehicle's log, received from it or sent to it."""
+
+    system: int
+    data: bytes
+
+
+class StationOutputs(msgspec.Struct, frozen=True):
+    publish: tuple[tuple[Topic, msgspec.Struct], ...]
+    writes: tuple[bytes, ...]
+    """Bytes for each MAVLink link, in the order of the configuration."""
+    timeline: tuple[TimelineEntry, ...]
+    frames: tuple[Frame, ...]
+    log: tuple[tuple[Severity, str], ...]
+    """Lines for the operator."""
+
+
+class Station:
+    def __init__(self, config: GroundConfig, fence: Geofence | None, started_s: float) -> None:
+        self.config = config
+        frame = LocalFrame(config.origin)
+        self.fleet = FleetView(config.swarm.members, frame, started_s)
+        self.frame = frame
+        self.monitor = Monitor(config.alarms, LocalFence(frame, fence) if fence is not None else None)
+        self._keeper = OrphanKeeper(config.orphans)
+        self._proxy = CommandProxy(config.alarms.agent_silent_s)
+        self._streams = StreamAsker()
+        self._ports = [MavlinkPort(config.mavlink.system) for _ in config.mavlink.links]
+        self._writes = [bytearray() for _ in self._ports]
+        self._publish: list[tuple[Topic, msgspec.Struct]] = []
+        self._timeline: list[TimelineEntry] = []
+        self._frames: list[Frame] = []
+        self._log: list[tuple[Severity, str]] = []
+        self._sent_s: dict[str, float] = {}
+        self._sequence = 0
+
+    def step(self, now_s: float, peers: Sequence[Received], links: Sequence[bytes]) -> StationOutputs:
+        """One tick: `links` holds what came over each MAVLink link since the last."""
+        self._publish, self._timeline, self._frames, self._log = [], [], [], []
+        self._writes = [bytearray() for _ in self._ports]
+        for index, data in enumerate(links):
+            self._receive_mavlink(now_s, index, data)
+        for received in peers:
+            self._receive_peer(now_s, received)
+        self._watch(now_s)
+        self._act(now_s)
+        self._tell(now_s)
+        return StationOutputs(
+            tuple(self._publish),
+            tuple(bytes(data) for data in self._writes),
+            tuple(self._timeline),
+            tuple(self._frames),
+            tuple(self._log),
+        )
+
+    # -- in ------------------------------------------------------------------------------------------------
+
+    def _receive_mavlink(self, now_s: float, index: int, data: bytes) -> None:
+        for message in self._ports[index].decode(data):
+            component = self.fleet.receive_mavlink(now_s, index, message)
+            system = component.source.system
+            if system in self.fleet.vehicles.systems():
+                self._frames.append(Frame(system, bytes(message.get_msgbuf())))
+            for report in component.take_reports():
+                self._timeline.append(TimelineEntry(f"/statustext/{system}", report._asdict()))
+                if not self.fleet.agent_live(system, now_s) and report.severity <= 4:
+                    self._event(Severity.WARNING, system, "statustext", report.text)
+
+    def _receive_peer(self, now_s: float, received: Received) -> None:
+        message = self.fleet.receive_peer(now_s, received)
+        if message is None:
+            return
+        self._timeline.append(TimelineEntry(f"/{received.topic.name}/{received.sender}", message))
+        if isinstance(message, Command):
+            self._proxy.receive(now_s, message, self.fleet, self._keeper)
+        elif isinstance(message, Event):
+            self._log.append((message.severity, f"drone {message.sender}: {message.code}: {message.text}"))
+
+    # -- judge and act -------------------------------------------------------------------------------------
+
+    def _watch(self, now_s: float) -> None:
+        changes = self.monitor.step(now_s, self.fleet)
+        for alarm in changes.raised:
+            self._timeline.append(TimelineEntry("/alarm", {"change": "raised", "alarm": alarm}))
+            self._event(alarm.severity, alarm.drone, alarm.code, alarm.text)
+        for alarm in changes.cleared:
+            self._timeline.append(TimelineEntry("/alarm", {"change": "cleared", "alarm": alarm}))
+            self._event(Severity.INFO, alarm.drone, alarm.code, f"over: {alarm.text}")
+
+    def _act(self, now_s: float) -> None:
+        for request in self._keeper.step(now_s, self.fleet):
+            frame = self._ports[request.source.link].set_mode(request)
+            self._write(request.source.link, request.source.system, frame)
+        for action in self._keeper.take_actions():
+            self._timeline.append(TimelineEntry("/action", action))
+            self._event(action.severity, action.drone, "bring_home", action.text)
+        for outcome in self._proxy.step(now_s, self.fleet):
+            self._publish.append((topics.OUTCOME, outcome))
+        for wish in self._streams.step(now_s, self.fleet.vehicles.autopilots()):
+            port = self._ports[wish.source.link]
+            frame = (
+                port.request_message(wish.source, wish.message_id)
+                if wish.interval_s is None
+                else port.set_interval(wish.source, wish.message_id, wish.interval_s)
+            )
+            self._write(wish.source.link, wish.source.system, frame)
+
+    def _tell(self, now_s: float) -> None:
+        if self._due(now_s, "heartbeat", HEARTBEAT_HZ):
+            for index, port in enumerate(self._ports):
+                self._writes[index] += port.heartbeat()
+        if self._due(now_s, topics.GROUND.name, topics.GROUND.rate_hz):
+            self._sequence += 1
+            self._publish.append((topics.GROUND, GroundBeat(self.config.station, self._sequence)))
+        if self._due(now_s, topics.REPORT.name, topics.REPORT.rate_hz):
+            self._publish.append((topics.REPORT, self._report(now_s)))
+        traffic = self._traffic(now_s)
+        if traffic and self._due(now_s, topics.TRAFFIC.name, topics.TRAFFIC.rate_hz):
+            message = Traffic(self.config.station, self.frame.identity, traffic)
+            self._publish.append((topics.TRAFFIC, message))
+            self._timeline.append(TimelineEntry(f"/traffic/{self.config.station}", message))
+
+    def _traffic(self, now_s: float) -> tuple[TrafficVehicle, ...]:
+        """Vehicles in the air that only we hear: obstacles for the others."""
+        return tuple(
+            TrafficVehicle(
+                vehicle.source.system,
+                vehicle.position_ned_m,
+                vehicle.velocity_ned_mps,
+                vehicle.position_age_s(now_s),
+            )
+            for vehicle in self._heard()
+            if not self.fleet.agent_live(vehicle.source.system, now_s)
+            and vehicle.position_ned_m is not None
+            and vehicle.velocity_ned_mps is not None
+            and vehicle.position_age_s(now_s) <= TRAFFIC_POSITION_MAX_AGE_S
+            and vehicle.airborne(now_s)
+        )
+
+    def _report(self, now_s: float) -> GroundReport:
+        vehicles = tuple(
+            heard
+            for vehicle in self._heard()
+            if (heard := self.fleet.heard_vehicle(vehicle.source.system, now_s)) is not None
+        )
+        alarms = on_the_wire(self.monitor.alarms, now_s)
+        return GroundReport(self.config.station, self.frame.identity, alarms, vehicles)
+
+    def _heard(self) -> list[Component]:
+        systems = sorted(self.fleet.vehicles.systems())
+        return [c for system in systems if (c := self.fleet.vehicles.autopilot(system)) is not None]
+
+    # -- out -----------------------------------------------------------------------------------------------
+
+    def _write(self, link: int, system: int, frame: bytes) -> None:
+        self._writes[link] += frame
+        self._frames.append(Frame(system, frame))
+
+    def _event(self, severity: Severity, drone: int, code: str, text: str) -> None:
+        self._sequence += 1
+        event = Event(drone, self._sequence, severity, code, text)
+        self._publish.append((topics.EVENT, event))
+        self._timeline.append(TimelineEntry(f"/event/{self.config.station}", event))
+        self._log.append((severity, f"drone {drone}: {code}: {text}" if drone else f"{code}: {text}"))
+
+    def _due(self, now_s: float, name: str, rate_hz: float | None) -> bool:
+        last_s = self._sent_s.get(name)
+        period_s = 1.0 / (rate_hz or HEARTBEAT_HZ)
+        if last_s is not None and now_s - last_s < period_s - 0.5 / self.config.tick_hz:
+            return False
+        self._sent_s[name] = now_s
+        return True

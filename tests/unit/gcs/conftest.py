@@ -1,0 +1,208 @@
+"""What the ground station's tests are made of: states of agents, and frames of autopilots as bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from flightstack import topics
+from flightstack.config import SwarmConfig
+from flightstack.topics import Topic
+from flightstack.transport import Received
+from flightstack.wire import DroneState, Phase, TreeState
+from gcs.config import GroundConfig, MavlinkConfig
+from gcs.fleet import FleetView
+from mission.frames import Geodetic, LocalFrame
+
+ORIGIN = Geodetic(28.2724, -16.6425, 2300.0)
+FRAME = LocalFrame(ORIGIN)
+
+
+@pytest.fixture
+def frame() -> LocalFrame:
+    return FRAME
+
+
+class Autopilot:
+    """A vehicle's autopilot as a source of bytes. ArduPilot unless told otherwise."""
+
+    def __init__(self, system: int, *, px4: bool = False) -> None:
+        self.mav = mavlink.MAVLink(None, srcSystem=system, srcComponent=1)
+        self.px4 = px4
+        self.armed = True
+        self.mode = 6 << 16 if px4 else 4
+        self.landed_state = mavlink.MAV_LANDED_STATE_IN_AIR
+        self.north_m, self.east_m, self.up_m = 10.0, 20.0, 12.0
+        self.battery_percent = 80
+
+    def frame(self, message: Any) -> bytes:
+        data = bytes(message.pack(self.mav))
+        self.mav.seq = (self.mav.seq + 1) % 256
+        return data
+
+    def heartbeat(self) -> bytes:
+        autopilot = mavlink.MAV_AUTOPILOT_PX4 if self.px4 else mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+        base = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (128 if self.armed else 0)
+        return self.frame(
+            mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_QUADROTOR, autopilot, base, self.mode, 4, 3)
+        )
+
+    def position(self) -> bytes:
+        point = FRAME.to_geodetic((self.north_m, self.east_m, -self.up_m))
+        return self.frame(
+            mavlink.MAVLink_global_position_int_message(
+                0,
+                round(point.latitude_deg * 1e7),
+                round(point.longitude_deg * 1e7),
+                round(point.amsl_m * 1e3),
+                round(self.up_m * 1e3),
+                100,
+                -50,
+                0,
+                9000,
+            )
+        )
+
+    def extended(self) -> bytes:
+        return self.frame(mavlink.MAVLink_extended_sys_state_message(0, self.landed_state))
+
+    def system_status(self) -> bytes:
+        return self.frame(
+            mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 12000, 100, self.battery_percent, 0, 0, 0, 0, 0, 0)
+        )
+
+    def home(self) -> bytes:
+        point = FRAME.to_geodetic((0.0, 0.0, 0.0))
+        return self.frame(
+            mavlink.MAVLink_home_position_message(
+                round(point.latitude_deg * 1e7),
+                round(point.longitude_deg * 1e7),
+                round(point.amsl_m * 1e3),
+                0,
+                0,
+                0,
+                [1, 0, 0, 0],
+                0,
+                0,
+                0,
+            )
+        )
+
+    def everything(self) -> bytes:
+        return self.heartbeat() + self.position() + self.extended() + self.system_status() + self.home()
+
+
+@pytest.fixture
+def autopilot() -> Callable[..., Autopilot]:
+    return Autopilot
+
+
+def make_state(drone: int, **changes: Any) -> DroneState:
+    state = DroneState(
+        sender=drone,
+        incarnation=100 + drone,
+        sequence=1,
+        frame=FRAME.identity,
+        phase=Phase.SEARCHING,
+        position_ned_m=(10.0, 20.0, -12.0),
+        velocity_ned_mps=(1.0, 0.0, 0.0),
+        heading_rad=0.0,
+        home_ned_m=(0.0, 0.0, 0.0),
+        armed=True,
+        airborne=True,
+        mode="GUIDED",
+        battery_fraction=0.8,
+        co2_ppm=450.0,
+        excess_co2_ppm=None,
+        wind=None,
+        epoch=1,
+        slot=drone - 1,
+        parent=None,
+        healing=False,
+        tracking_best_ppm=None,
+    )
+    return msgspec.structs.replace(state, **changes)
+
+
+def make_tree(drone: int, members: tuple[int, ...], **changes: Any) -> TreeState:
+    tree = TreeState(
+        sender=drone,
+        incarnation=100 + drone,
+        frame=FRAME.identity,
+        epoch=1,
+        author=1,
+        slots=tuple((member, index) for index, member in enumerate(members)),
+        lost=(),
+        order=None,
+        readings=(),
+    )
+    return msgspec.structs.replace(tree, **changes)
+
+
+@pytest.fixture
+def state() -> Callable[..., DroneState]:
+    return make_state
+
+
+@pytest.fixture
+def tree() -> Callable[..., TreeState]:
+    return make_tree
+
+
+def received(message: msgspec.Struct, sender: str | None = None) -> Received:
+    """A message as the network hands it over."""
+    topic = _topic(message)
+    name = sender if sender is not None else str(message.sender)  # type: ignore[attr-defined]
+    return Received(topic, name, topic.codec.encode(message))
+
+
+def _topic(message: msgspec.Struct) -> Topic:
+    return next(topic for topic in topics.TOPICS.values() if topic.codec.kind is type(message))
+
+
+@pytest.fixture
+def on_air() -> Callable[..., Received]:
+    return received
+
+
+class Fleet:
+    """A fleet view with agents that keep talking; a test silences whom it likes."""
+
+    def __init__(self, members: tuple[int, ...] = (1, 2, 3)) -> None:
+        self.view = FleetView(members, FRAME, 0.0)
+        self.talking: dict[int, dict[str, Any]] = {member: {} for member in members}
+        self.trees: dict[int, TreeState] = {}
+        self.flying: dict[int, Autopilot] = {}
+        self._sequence = 0
+
+    def tick(self, now_s: float) -> FleetView:
+        from gcs.mavlink_port import MavlinkPort
+
+        self._sequence += 1
+        for drone, changes in self.talking.items():
+            self.view.receive_peer(now_s, received(make_state(drone, sequence=self._sequence, **changes)))
+            if drone in self.trees:
+                self.view.receive_peer(now_s, received(self.trees[drone]))
+        port = MavlinkPort(255)
+        for vehicle in self.flying.values():
+            for message in port.decode(vehicle.everything()):
+                self.view.receive_mavlink(now_s, 0, message)
+        return self.view
+
+
+@pytest.fixture
+def fleet() -> Callable[..., Fleet]:
+    return Fleet
+
+
+@pytest.fixture
+def ground_config() -> GroundConfig:
+    return GroundConfig(
+        swarm=SwarmConfig(name="test", members=(1, 2, 3)),
+        origin=ORIGIN,
+        mavlink=MavlinkConfig(links=("udpin:127.0.0.1:0",)),
+    )
