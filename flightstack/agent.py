@@ -12,7 +12,6 @@ import math
 
 import msgspec
 import numpy as np
-from sensors.wind_filter import VehicleMotion
 
 from flightstack import topics
 from flightstack.autopilot import AutopilotSession, VehicleReport
@@ -42,6 +41,7 @@ from mission.observation import (
 )
 from mission.search import make
 from sensors.samples import InstrumentState, Sample
+from sensors.wind_filter import VehicleMotion
 
 LANDING_HEIGHT_M = 4.0
 """Height over home at which the autopilot's own landing takes over."""
@@ -83,7 +83,7 @@ class Agent:
     def __init__(self, config: DroneConfig, *, incarnation: int) -> None:
         self.config = config
         self.frame = LocalFrame(config.origin)
-        self.phase = FlightPhase(config.drone, ready_timeout_s=config.autopilot.ready_timeout_s)
+        self.phase = FlightPhase(config.drone)
         self.session = AutopilotSession(config.drone, self.frame, config.autopilot)
         self._incarnation = incarnation
         self._belief = Belief(config.drone, config.swarm.members, self.frame)
@@ -102,7 +102,7 @@ class Agent:
         )
         layer = config.swarm.members.index(config.drone) % config.formation.layers
         self._layer_above_home_m = config.formation.above_home_m + config.formation.layer_gap_m * (layer + 1)
-        self._strategy = make(config.strategy.name, **self._strategy_parameters())
+        self._strategy = self._new_strategy()
         self._rng = np.random.default_rng((config.seed, config.drone))
         self._decision: Decision | None = None
         self._formed_s: float | None = None
@@ -185,17 +185,14 @@ class Agent:
         """A survey starts: a new tree, a new strategy, nothing remembered of the one before."""
         down_m = -self.config.formation.above_home_m
         self._tree.begin(now_s, survey, (0.0, 0.0, down_m))
-        self._strategy = make(self.config.strategy.name, **self._strategy_parameters())
+        self._strategy = self._new_strategy()
         self._decision = None
         self._formed_s = None
         self._best_ppm = None
 
-    def _strategy_parameters(self) -> dict[str, object]:
-        config = self.config
-        return {
-            "layout": self._layout,
-            **config.strategy.parameters,
-        }
+    def _new_strategy(self) -> Strategy:
+        chosen = self.config.strategy
+        return make(chosen.name, layout=self._layout, **chosen.parameters)
 
     def _transferring(self, now_s: float, vehicle: VehicleReport, news: TreeNews) -> bool:
         """Whether this drone is on its way to a slot that a heal gave it."""
@@ -243,14 +240,12 @@ class Agent:
         position = vehicle.position_ned_m
         return VehicleFacts(
             connected=vehicle.connected,
-            ready=vehicle.ready,
-            ready_reason=vehicle.ready_reason,
-            prepared=self.session.prepared,
             problem=self.session.problem,
             armed=vehicle.armed,
             airborne=vehicle.airborne,
             ours=vehicle.mode_ours,
             mode=vehicle.mode,
+            taken_reason=vehicle.taken_reason,
             at_takeoff_altitude=vehicle.airborne
             and position is not None
             and -position[2] > self._layer_above_home_m - 1.0,
@@ -293,8 +288,6 @@ class Agent:
     def _ask(self, phase: PhaseStep) -> None:
         for ask in phase.asks:
             match ask:
-                case Ask.PREPARE:
-                    self.session.prepare()
                 case Ask.TAKE_CONTROL:
                     self.session.take_control()
                 case Ask.ARM:
@@ -435,7 +428,7 @@ class Agent:
             place.parent,
             self._transfer_since_s is not None,
             self._best_ppm,
-            waiting + sensed.notes + held,
+            waiting + vehicle.notes + sensed.notes + held,
             self._ticks,
             inputs.late_ticks,
         )

@@ -47,9 +47,9 @@ TAKING_PART = frozenset(
 class Ask(enum.Enum):
     """What the phase asks of the autopilot session. Repeating an ask is harmless."""
 
-    PREPARE = "prepare"
     TAKE_CONTROL = "take_control"
     ARM = "arm"
+    """Set parameters, wait until ready, take the mode, start the motors."""
     TAKE_OFF = "take_off"
     LAND = "land"
     RETURN = "return"
@@ -60,10 +60,6 @@ class VehicleFacts(msgspec.Struct, frozen=True):
     """What the phase needs to know of the vehicle, from the autopilot's own reports."""
 
     connected: bool
-    ready: bool
-    ready_reason: str
-    prepared: bool
-    """Configured parameters are set and read back, or there are none."""
     problem: str
     """Why the newest request to the autopilot failed for good, empty otherwise."""
     armed: bool
@@ -71,6 +67,8 @@ class VehicleFacts(msgspec.Struct, frozen=True):
     ours: bool
     """The autopilot is in the mode in which it follows our setpoints."""
     mode: str
+    taken_reason: str
+    """How authority was lost, as the session saw it; empty while it was not."""
     at_takeoff_altitude: bool
 
 
@@ -106,12 +104,10 @@ class PhaseStep(msgspec.Struct, frozen=True):
 class FlightPhase:
     """The phase of one drone. `step` is called once a tick; everything it knows comes as arguments."""
 
-    def __init__(self, drone: int, *, ready_timeout_s: float, control_timeout_s: float = 10.0) -> None:
+    def __init__(self, drone: int, *, control_timeout_s: float = 10.0) -> None:
         self.phase = Phase.DISARMED
         self._drone = drone
-        self._ready_timeout_s = ready_timeout_s
         self._control_timeout_s = control_timeout_s
-        self._since_s = 0.0
         self._control_since_s: float | None = None
         """When we last asked for control; None once we had it. Losing it then means that somebody took it."""
         self._answered: dict[str, Outcome] = {}
@@ -217,11 +213,7 @@ class FlightPhase:
             case Phase.ARMING:
                 self._arming(now_s, vehicle)
             case Phase.TAKEOFF:
-                if vehicle.at_takeoff_altitude:
-                    self._control_since_s = now_s
-                    self._change(now_s, Phase.FORMING, "at take-off altitude")
-                elif not vehicle.armed:
-                    self._change(now_s, Phase.LANDED, "disarmed during take-off")
+                self._taking_off(now_s, vehicle)
             case Phase.RETURNING:
                 if not vehicle.armed and not vehicle.airborne:
                     self._change(now_s, Phase.LANDED, "landed")
@@ -236,17 +228,17 @@ class FlightPhase:
     def _arming(self, now_s: float, vehicle: VehicleFacts) -> None:
         if vehicle.armed and vehicle.ours:
             self._change(now_s, Phase.TAKEOFF, "armed")
-        elif vehicle.problem and vehicle.ready:
-            self._change(now_s, Phase.DISARMED, f"not armed: {vehicle.problem}")
-            self._notes[-1] = msgspec.structs.replace(
-                self._notes[-1], severity=Severity.CRITICAL, code="arming"
-            )
-        elif now_s - self._since_s > self._ready_timeout_s:
-            reason = vehicle.ready_reason or vehicle.problem or "the autopilot gave no reason"
-            self._change(now_s, Phase.DISARMED, f"not ready after {self._ready_timeout_s:.0f} s: {reason}")
-            self._notes[-1] = msgspec.structs.replace(
-                self._notes[-1], severity=Severity.CRITICAL, code="arming"
-            )
+        elif vehicle.problem:
+            self._change(now_s, Phase.DISARMED, vehicle.problem, Severity.CRITICAL, "arming")
+
+    def _taking_off(self, now_s: float, vehicle: VehicleFacts) -> None:
+        if vehicle.at_takeoff_altitude:
+            self._control_since_s = now_s
+            self._change(now_s, Phase.FORMING, "at take-off altitude")
+        elif not vehicle.armed:
+            self._change(now_s, Phase.LANDED, "disarmed during take-off", Severity.CRITICAL, "takeoff")
+        elif vehicle.problem:
+            self._change(now_s, Phase.LANDING, vehicle.problem, Severity.CRITICAL, "takeoff")
 
     def _follow_the_swarm(self, now_s: float, swarm: SwarmFacts) -> None:
         stage = swarm.order.stage if swarm.order else None
@@ -282,11 +274,7 @@ class FlightPhase:
         if self._prompt is not None:
             return (self._prompt,)
         if self.phase is Phase.ARMING:
-            if not vehicle.prepared:
-                return (Ask.PREPARE,)
-            if not vehicle.ready and not vehicle.armed:
-                return ()
-            return (Ask.ARM,) if vehicle.ours else (Ask.TAKE_CONTROL,)
+            return (Ask.ARM,)
         if self.phase is Phase.TAKEOFF:
             return (Ask.TAKE_OFF,)
         if self.phase is Phase.LANDING and vehicle.ours:
@@ -295,19 +283,20 @@ class FlightPhase:
             return (Ask.TAKE_CONTROL,)
         return ()
 
-    def _change(self, now_s: float, to: Phase, why: str) -> str:
+    def _change(
+        self, now_s: float, to: Phase, why: str, severity: Severity = Severity.INFO, code: str = "phase"
+    ) -> str:
         """Go to phase `to`; returns why that cannot be, or nothing."""
         if to is self.phase:
             return ""
         if to not in AFTER[self.phase]:
             return f"the drone is {self.phase}"
         self.phase = to
-        self._since_s = now_s
         if to in (Phase.ARMING, Phase.TAKEOFF):
             self._control_since_s = now_s
         if to is Phase.LANDING and self._prompt is None:
             self._descent = Ask.LAND
-        self._note(Severity.INFO, "phase", f"{to}: {why}")
+        self._note(severity, code, f"{to}: {why}")
         return ""
 
     def _note(self, severity: Severity, code: str, text: str) -> None:

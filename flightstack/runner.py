@@ -113,7 +113,7 @@ def open_shell(config: DroneConfig, clock: Clock) -> Shell:
         raise
     ports = {
         item.name: InstrumentPort(
-            item.port, item.baud or instrument_type(item.type).default_baud, clock.now_s
+            item.port, item.baud or instrument_type(item.type).baud or 9600, clock.now_s
         )
         for item in config.instruments
         if item.port != "mavlink"

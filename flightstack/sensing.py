@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import msgspec
-from sensors.co2_filter import Co2Filter, Co2FilterConfig
-from sensors.wind_filter import VehicleMotion, WindFilter, WindFilterConfig
 
 from flightstack.config import InstrumentConfig
 from mission.observation import Scalar, Wind
+from sensors.co2_filter import Co2Filter, Co2FilterConfig
 from sensors.instruments import make_instrument
 from sensors.samples import Instrument, InstrumentState, Sample
+from sensors.wind_filter import VehicleMotion, WindFilter, WindFilterConfig
 
 
 class PortInput(msgspec.Struct, frozen=True, array_like=True):

@@ -8,12 +8,12 @@ import msgspec
 import pytest
 
 from flightstack.phase import AFTER, STEERING, Ask, FlightPhase, PhaseStep, SwarmFacts, VehicleFacts
-from flightstack.wire import Command, CommandName, Phase, Result
+from flightstack.wire import Command, CommandName, Phase, Result, Severity
 from mission.observation import Order, Stage
 
 GROUND = VehicleFacts(
-    connected=True, ready=True, ready_reason="", prepared=True, problem="", armed=False, airborne=False,
-    ours=False, mode="STABILIZE", at_takeoff_altitude=False,
+    connected=True, problem="", armed=False, airborne=False, ours=False, mode="STABILIZE",
+    taken_reason="", at_takeoff_altitude=False,
 )  # fmt: skip
 ARMED = msgspec.structs.replace(GROUND, armed=True, ours=True, mode="GUIDED")
 UP = msgspec.structs.replace(ARMED, airborne=True, at_takeoff_altitude=True)
@@ -28,7 +28,7 @@ class Flight:
     """Steps one phase machine, a tenth of a second at a time."""
 
     def __init__(self) -> None:
-        self.machine = FlightPhase(3, ready_timeout_s=60.0)
+        self.machine = FlightPhase(3)
         self.now_s = 100.0
         self.identities = (f"c{n}" for n in itertools.count())
 
@@ -66,8 +66,6 @@ def test_a_whole_flight() -> None:
     step = flight.step(GROUND, ALONE, flight.command(CommandName.START))
     assert step.phase is Phase.ARMING
     assert step.started == "c0"
-    assert step.asks == (Ask.TAKE_CONTROL,)
-    step = flight.step(msgspec.structs.replace(GROUND, ours=True))
     assert step.asks == (Ask.ARM,)
     step = flight.step(ARMED)
     assert (step.phase, step.asks) == (Phase.TAKEOFF, (Ask.TAKE_OFF,))
@@ -84,14 +82,6 @@ def test_a_whole_flight() -> None:
     assert flight.step(landing).asks == ()
     assert flight.step(msgspec.structs.replace(landing, armed=False, airborne=False)).phase is Phase.LANDED
     assert flight.step(GROUND, ALONE, flight.command(CommandName.START)).phase is Phase.ARMING
-
-
-def test_parameters_first_then_readiness_then_control() -> None:
-    flight = Flight()
-    waiting = msgspec.structs.replace(GROUND, prepared=False, ready=False, ready_reason="no position")
-    assert flight.step(waiting, ALONE, flight.command(CommandName.START)).asks == (Ask.PREPARE,)
-    assert flight.step(msgspec.structs.replace(waiting, prepared=True)).asks == ()
-    assert flight.step(GROUND).asks == (Ask.TAKE_CONTROL,)
 
 
 @pytest.mark.parametrize("phase", sorted(STEERING))
@@ -169,12 +159,17 @@ def test_start_is_refused_while_the_autopilot_is_silent() -> None:
 
 
 def test_an_autopilot_that_never_gets_ready_ends_in_a_named_failure() -> None:
-    flight = Flight()
-    waiting = msgspec.structs.replace(GROUND, ready=False, ready_reason="EKF has no position")
-    flight.step(waiting, ALONE, flight.command(CommandName.START))
-    notes = [note for _ in range(610) for note in flight.step(waiting).notes]
-    assert flight.machine.phase is Phase.DISARMED
-    assert any("EKF has no position" in note.text for note in notes)
+    flight = Flight().to(Phase.ARMING)
+    step = flight.step(msgspec.structs.replace(GROUND, problem="not armed within 60 s: EKF has no position"))
+    assert step.phase is Phase.DISARMED
+    assert "EKF has no position" in step.notes[0].text
+    assert step.notes[0].severity is Severity.CRITICAL
+
+
+def test_a_takeoff_that_stalls_ends_in_a_landing() -> None:
+    flight = Flight().to(Phase.TAKEOFF)
+    step = flight.step(msgspec.structs.replace(ARMED, airborne=True, problem="take-off: stopped at 2.0 m"))
+    assert (step.phase, step.asks) == (Phase.LANDING, (Ask.LAND,))
 
 
 def test_abort_while_arming_cancels_the_start() -> None:
