@@ -43,6 +43,8 @@ class Sample(msgspec.Struct, frozen=True):
     wind_body_mps: Vector3 | None = None
     """Where the air goes relative to the airframe: forward, right, down. The drone's own motion is still in
     it."""
+    wind_down_measured: bool = True
+    """False: the anemometer is flat, and the third number of `wind_body_mps` says nothing."""
     wind_ned_mps: Vector3 | None = None
     """Where the air goes relative to the ground, from sources that already removed the drone's motion."""
     wind_sd_mps: float | None = None

@@ -1,0 +1,396 @@
+"""From anemometers, the autopilot's estimate and the vehicle's own tilt to one wind, with its covariance.
+
+A Kalman filter over six states: the mean wind and the gust, each north, east, down (m/s, where the air goes).
+The mean wanders slowly, the gust dies away with its correlation time (a first-order Gauss-Markov process per
+axis, the simplest form of Dryden's, MIL-F-8785C section 3.7.2). Every source has its own trust:
+
+* an anemometer on the airframe feels wind minus the drone's own velocity, turned by its attitude: both
+  removed here, with the velocity of the mast's tip from the body's rates;
+* the vehicle's tilt against its drag tells the airspeed (`sensors.airframe`), over windows of a second,
+  because the acceleration has to be known too;
+* the autopilot's own estimate is smooth: its errors last, and it is taken for one statement every few
+  seconds.
+"""
+
+from __future__ import annotations
+
+import collections
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from mission.frames import Vector3
+from sensors.airframe import (
+    Array,
+    DragModel,
+    VehicleMotion,
+    body_to_ned,
+    point_velocity_ned_mps,
+    thrust_ned_mps2,
+)
+from sensors.health import Health
+from sensors.samples import InstrumentState, Quantity, Sample
+
+__all__ = ["VehicleMotion", "WindEstimate", "WindFilter", "WindFilterConfig"]
+
+_STATES: Final = 6
+_IDENTITY: Final = np.eye(3)
+_H_NED: Final = np.hstack((_IDENTITY, _IDENTITY))
+_H_HORIZONTAL: Final = _H_NED[:2]
+_REFUSALS_MOST: Final = 3
+
+
+class WindFilterConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    gust_sd_mps: float = 0.5
+    """Standard deviation of the gusts per horizontal axis."""
+    gust_time_s: float = 5.0
+    """Correlation time of the gusts."""
+    vertical_share: float = 0.5
+    """Vertical gusts over horizontal ones (near the ground; R. B. Stull, "Boundary Layer Meteorology",
+    1988)."""
+    mean_sd_mps: float = 6.0
+    """Standard deviation of the mean wind before anything is known."""
+    mean_walk_mps_per_sqrt_min: float = 0.7
+    """Random walk of the mean wind: standard deviation after a minute."""
+    anemometer_sd_mps: float = 0.3
+    """Where a sample does not state its own."""
+    anemometer_bias_mps: float = 0.1
+    """What an anemometer's error keeps over minutes: calibration, rotor wash."""
+    anemometer_arms_body_m: dict[str, Vector3] = {}
+    """Where each anemometer (by its name) sits, from the centre of rotation: forward, right, down."""
+    attitude_sd_rad: float = 0.01
+    velocity_sd_mps: float = 0.05
+    """Noise of the autopilot's velocity, from one message to the next."""
+    drag: DragModel | None = DragModel()
+    """None: the tilt is not used."""
+    drag_window_s: float = 1.0
+    drag_scale_sd: float = 0.05
+    """How well the drag coefficient is known, as a fraction."""
+    level_sd_rad: float = 0.004
+    """How level the autopilot's horizon and the rotors' plane are to each other; this error stays for a
+    flight."""
+    autopilot_sd_mps: float = 1.0
+    """Where the autopilot does not state its own."""
+    autopilot_memory_s: float = 5.0
+    """How long the errors of the autopilot's estimate last."""
+    gate_sd: float = 5.0
+    fresh_s: float = 3.0
+    lost_s: float = 15.0
+
+    def __post_init__(self) -> None:
+        for name in (
+            "gust_sd_mps",
+            "gust_time_s",
+            "anemometer_sd_mps",
+            "velocity_sd_mps",
+            "drag_window_s",
+            "lost_s",
+        ):
+            if not 0.0 < getattr(self, name) < float("inf"):
+                raise ValueError(f"{name} {getattr(self, name)} is not a positive number")
+
+
+@dataclasses.dataclass(frozen=True)
+class WindEstimate:
+    wind_ned_mps: Vector3
+    """Where the air goes at the vehicle, now."""
+    covariance_m2ps2: tuple[Vector3, Vector3, Vector3]
+    variance_m2ps2: float
+    """Per horizontal axis: the mean of the two."""
+    mean_wind_ned_mps: Vector3
+    """Without the gust."""
+    age_s: float
+    health: Health
+    reason: str
+    sources: tuple[str, ...]
+    """Who told of the wind within the last seconds: names of instruments, "tilt", "autopilot"."""
+
+
+class WindFilter:
+    """The wind at one vehicle. Give `step` every sample of the tick, whoever made it; it takes what tells of
+    wind."""
+
+    def __init__(self, config: WindFilterConfig | None = None) -> None:
+        # Imported late: it costs a second and 95 MB, and only a process that filters shall pay.
+        from filterpy.kalman import KalmanFilter
+
+        self.config = config or WindFilterConfig()
+        self._kf = KalmanFilter(dim_x=_STATES, dim_z=3)
+        self._time_s: float | None = None
+        self._shares = np.array((1.0, 1.0, self.config.vertical_share**2))
+        self._noises: dict[int, tuple[Array, Array]] = {}
+        self._heard_s: dict[str, float] = {}
+        self._refused: collections.Counter[str] = collections.Counter()
+        self._trouble: dict[str, str] = {}
+        self._tilt = _TiltWindow(self.config)
+        self._last_motion: tuple[float, VehicleMotion] | None = None
+        self._told: tuple[Health, str] = (Health.BAD, "nothing has told of the wind yet")
+        self._reset()
+
+    def _reset(self) -> None:
+        config = self.config
+        self._kf.x = np.zeros(_STATES)
+        mean, gust = config.mean_sd_mps**2 * self._shares, config.gust_sd_mps**2 * self._shares
+        self._kf.P = np.diag(np.concatenate((mean, gust)))
+        self._time_s = None
+        self._heard_s.clear()
+        self._refused.clear()
+        self._tilt.clear()
+        self._last_motion = None
+
+    @property
+    def verdict(self) -> tuple[Health, str]:
+        """Health and its reason after the last step; there also while `step` returns None."""
+        return self._told
+
+    def step(
+        self, now_s: float, samples: Sequence[Sample], motion: VehicleMotion | None
+    ) -> WindEstimate | None:
+        """The wind at `now_s` with these samples and this motion in it; None while nothing has told of it.
+
+        Without `motion` an anemometer's readings cannot be used, and the autopilot's still can.
+        """
+        if self._time_s is not None and now_s < self._time_s:
+            self._reset()
+        self._predict(now_s)
+        mine = [s for s in samples if _tells_wind(s)]
+        if mine:
+            self._take(now_s, mine, motion)
+        if motion is not None and _finite(motion.attitude_rad) and _finite(motion.velocity_ned_mps):
+            if self.config.drag is not None:
+                tilt = self._tilt.add(now_s, motion)
+                if tilt is not None:
+                    self._update(now_s, "tilt", np.array(tilt[0]), tilt[1], _H_HORIZONTAL)
+            self._last_motion = (now_s, motion)
+        return self._estimate(now_s)
+
+    # -- sources
+    # ----------------------------------------------------------------------------------------------
+
+    def _take(self, now_s: float, samples: list[Sample], motion: VehicleMotion | None) -> None:
+        bodies: dict[str, list[Sample]] = {}
+        for sample in samples:
+            name = sample.instrument
+            if sample.state is not InstrumentState.MEASURING:
+                self._trouble[name] = sample.reason or sample.state.value
+            elif sample.wind_body_mps is not None and _finite(sample.wind_body_mps):
+                bodies.setdefault(name, []).append(sample)
+            elif sample.wind_ned_mps is not None and _finite(sample.wind_ned_mps):
+                self._trouble.pop(name, None)
+                self._autopilot(now_s, sample, sample.wind_ned_mps)
+        for name, readings in bodies.items():
+            self._trouble.pop(name, None)
+            if motion is not None and _finite(motion.attitude_rad) and _finite(motion.velocity_ned_mps):
+                self._anemometer(now_s, name, readings, motion)
+
+    def _anemometer(self, now_s: float, name: str, readings: list[Sample], motion: VehicleMotion) -> None:
+        """All of a tick's readings as one: they are a fraction of a gust apart, and share the vehicle's
+        motion."""
+        config = self.config
+        rotation = body_to_ned(motion.attitude_rad)
+        arm = config.anemometer_arms_body_m.get(name, (0.0, 0.0, 0.0))
+        rates = motion.angular_rate_radps or self._rates(now_s, motion)
+        own = point_velocity_ned_mps(motion, rotation, arm, rates)
+        felt = np.mean([s.wind_body_mps for s in readings if s.wind_body_mps is not None], axis=0)
+        sd_mps = readings[-1].wind_sd_mps or config.anemometer_sd_mps
+        turned_mps = config.attitude_sd_rad * math.sqrt(float(felt @ felt))
+        variance = sd_mps**2 / len(readings) + turned_mps * turned_mps + config.velocity_sd_mps**2
+        if all(s.wind_down_measured for s in readings):
+            self._update(now_s, name, rotation @ felt + own, variance, _H_NED)
+        else:
+            body = rotation.T
+            self._update(now_s, name, felt[:2] + body[:2] @ own, variance, body[:2] @ _H_NED)
+
+    def _autopilot(self, now_s: float, sample: Sample, wind_ned_mps: Vector3) -> None:
+        heard_s = self._heard_s.get(sample.instrument, -math.inf)
+        if now_s - heard_s < 1.0:
+            return
+        sd_mps = max(sample.wind_sd_mps or self.config.autopilot_sd_mps, 0.1)
+        # Statements a second apart share their error for `autopilot_memory_s`: together they are worth one.
+        variance = sd_mps**2 * max(self.config.autopilot_memory_s, 1.0)
+        self._update(now_s, sample.instrument, np.array(wind_ned_mps[:2]), variance, _H_HORIZONTAL)
+
+    def _rates(self, now_s: float, motion: VehicleMotion) -> Vector3:
+        """Body rates from the change of attitude; small angles suffice for the tip of a short mast."""
+        if self._last_motion is None or now_s - self._last_motion[0] <= 1e-3:
+            return 0.0, 0.0, 0.0
+        then_s, before = self._last_motion
+        roll, pitch, yaw = (
+            math.remainder(a - b, math.tau) / (now_s - then_s)
+            for a, b in zip(motion.attitude_rad, before.attitude_rad, strict=True)
+        )
+        return roll, pitch, yaw
+
+    # -- the filter
+    # -------------------------------------------------------------------------------------------
+
+    def _predict(self, now_s: float) -> None:
+        if self._time_s is not None and now_s > self._time_s:
+            transition, noise = self._discrete(now_s - self._time_s)
+            self._kf.predict(F=transition, Q=noise)
+        self._time_s = now_s
+
+    def _discrete(self, dt_s: float) -> tuple[Array, Array]:
+        """Exact transition and noise over `dt_s` (to the millisecond), kept for the steps that recur."""
+        key = round(dt_s * 1000.0)
+        found = self._noises.get(key)
+        if found is None:
+            config = self.config
+            if len(self._noises) > 2000:
+                self._noises.clear()
+            decay = math.exp(-key / 1000.0 / config.gust_time_s)
+            walk = config.mean_walk_mps_per_sqrt_min**2 * key / 60_000.0
+            gust = config.gust_sd_mps**2 * (1.0 - decay * decay)
+            transition = np.diag((1.0, 1.0, 1.0, decay, decay, decay))
+            noise = np.diag(np.concatenate((walk * self._shares, gust * self._shares)))
+            found = self._noises[key] = (transition, noise)
+        return found
+
+    def _update(self, now_s: float, source: str, z: Array, variance: float, h: Array) -> None:
+        """One measurement of a source, unless it is further off than its errors and the filter's allow."""
+        innovation = z - h @ self._kf.x
+        spread = h @ self._kf.P @ h.T
+        spread.flat[:: len(z) + 1] += variance
+        nis = float(innovation @ np.linalg.solve(spread, innovation))
+        if nis > self.config.gate_sd**2 * len(z):
+            self._refused[source] += 1
+            if self._refused[source] < _REFUSALS_MOST:
+                return
+            # It keeps saying so: the wind has changed more than the model thought it could.
+            self._kf.P = self._kf.P + np.diag(np.concatenate((np.full(3, 2.0), np.full(3, 1.0)))) * nis / len(
+                z
+            )
+        self._refused[source] = 0
+        self._kf.update(z, np.eye(len(z)) * variance, h)
+        # filterpy's state silently takes another shape when a measurement has the wrong one.
+        assert self._kf.x.shape == (_STATES,)  # noqa: S101
+        self._heard_s[source] = now_s
+
+    def _estimate(self, now_s: float) -> WindEstimate | None:
+        sources = tuple(n for n, t in self._heard_s.items() if now_s - t <= self.config.fresh_s)
+        self._told = self._judge(now_s, sources)
+        if not self._heard_s:
+            return None
+        x = self._kf.x
+        covariance = self._kf.P[:3, :3] + self._kf.P[3:, 3:] + self._kf.P[:3, 3:] + self._kf.P[3:, :3]
+        lasting = self._lasting_variance(sources)
+        covariance.flat[::4] += lasting
+        north, east, down = (x[:3] + x[3:]).tolist()
+        mean_north, mean_east, mean_down = x[:3].tolist()
+        rows = covariance.tolist()
+        health, reason = self._told
+        return WindEstimate(
+            wind_ned_mps=(north, east, down),
+            covariance_m2ps2=(tuple(rows[0]), tuple(rows[1]), tuple(rows[2])),
+            variance_m2ps2=0.5 * (rows[0][0] + rows[1][1]),
+            mean_wind_ned_mps=(mean_north, mean_east, mean_down),
+            age_s=now_s - max(self._heard_s.values()),
+            health=health,
+            reason=reason,
+            sources=sources,
+        )
+
+    def _lasting_variance(self, sources: tuple[str, ...]) -> float:
+        """What no averaging removes, per axis: calibration of the best source that is heard."""
+        config = self.config
+        if config.drag is None or any(s != "tilt" for s in sources):
+            return config.anemometer_bias_mps**2
+        return self._tilt.lasting_variance()
+
+    def _judge(self, now_s: float, sources: tuple[str, ...]) -> tuple[Health, str]:
+        trouble = "; ".join(f"{name}: {why}" for name, why in sorted(self._trouble.items()))
+        if not self._heard_s:
+            return Health.BAD, trouble or "nothing has told of the wind yet"
+        age_s = now_s - max(self._heard_s.values())
+        if age_s > self.config.lost_s:
+            return Health.BAD, trouble or f"nothing has told of the wind for {age_s:.0f} s"
+        if trouble:
+            return Health.DEGRADED, trouble
+        if not sources:
+            return Health.DEGRADED, f"nothing has told of the wind for {age_s:.1f} s"
+        return Health.GOOD, ""
+
+
+class _TiltWindow:
+    """The airspeed from tilt and drag, averaged over a window at whose ends the velocity is compared."""
+
+    def __init__(self, config: WindFilterConfig) -> None:
+        self._config = config
+        self._start: tuple[float, Vector3] | None = None
+        self._sum = np.zeros(4)
+        self._count = 0
+        self._airspeed_mps = 0.0
+
+    def clear(self) -> None:
+        self._start = None
+
+    def add(self, now_s: float, motion: VehicleMotion) -> tuple[tuple[float, float], float] | None:
+        """The wind (north, east, m/s) over the window that ends now and its variance; None while it is
+        open."""
+        drag = self._config.drag
+        if not motion.airborne or drag is None:
+            self._start = None
+            return None
+        velocity = motion.velocity_ned_mps
+        if self._start is None:
+            self._start, self._count = (now_s, velocity), 0
+            self._sum[:] = 0.0
+            return None
+        down_mps2 = motion.acceleration_ned_mps2[2] if motion.acceleration_ned_mps2 else 0.0
+        north, east = thrust_ned_mps2(motion.attitude_rad, down_mps2)
+        self._sum += (north, east, velocity[0], velocity[1])
+        self._count += 1
+        since_s, before = self._start
+        window_s = now_s - since_s
+        if window_s < self._config.drag_window_s - 0.01:
+            return None
+        self._start, count = (now_s, velocity), self._count
+        thrust_n, thrust_e, speed_n, speed_e = (self._sum / count).tolist()
+        self._count = 0
+        self._sum[:] = 0.0
+        if window_s > 3.0 * self._config.drag_window_s or count < 3:
+            return None  # the autopilot was silent in between
+        # a = f - drag(u), u = v - wind  =>  wind = v - u, with u against the drag
+        drag_n = (velocity[0] - before[0]) / window_s - thrust_n
+        drag_e = (velocity[1] - before[1]) / window_s - thrust_e
+        size = math.hypot(drag_n, drag_e)
+        self._airspeed_mps = drag.airspeed_mps(size)
+        ratio = self._airspeed_mps / size if size > 1e-9 else 0.0
+        return (speed_n + ratio * drag_n, speed_e + ratio * drag_e), self._variance(window_s, count)
+
+    def _variance(self, window_s: float, count: int) -> float:
+        config = self._config
+        assert config.drag is not None  # noqa: S101
+        slope = config.drag.slope_per_s(self._airspeed_mps)
+        ends = 2.0 * (config.velocity_sd_mps / window_s) ** 2
+        tilts = (GRAVITY_SLOPE * config.attitude_sd_rad) ** 2 / count
+        # The gust moves on within the window: what is measured is its mean, half a window old.
+        gust = config.gust_sd_mps**2 * 2.0 / 3.0 * window_s / config.gust_time_s
+        return (ends + tilts) / slope**2 + gust
+
+    def lasting_variance(self) -> float:
+        """Per axis: the horizon's error and the drag coefficient's."""
+        config = self._config
+        assert config.drag is not None  # noqa: S101
+        slope = config.drag.slope_per_s(self._airspeed_mps)
+        level = GRAVITY_SLOPE * config.level_sd_rad / slope
+        scale = config.drag_scale_sd * self._airspeed_mps
+        return level * level + 0.5 * scale * scale
+
+
+GRAVITY_SLOPE: Final = 9.80665
+"""Horizontal acceleration per radian of tilt in hover, m/s^2."""
+
+
+def _tells_wind(sample: Sample) -> bool:
+    return sample.quantity is Quantity.WIND or not (
+        sample.wind_body_mps is None and sample.wind_ned_mps is None
+    )
+
+
+def _finite(vector: Vector3) -> bool:
+    return all(math.isfinite(v) for v in vector)

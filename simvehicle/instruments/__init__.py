@@ -1,0 +1,39 @@
+"""Emulated instruments: the same bytes as the real ones, from the world's plume and wind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from sensors.errors import SensorError
+from sensors.instruments import instrument_type
+from simvehicle.instruments.physics import Air, Emulator
+from simvehicle.instruments.sba5 import Sba5Emulation, Sba5Emulator
+
+__all__ = ["EMULATORS", "Air", "Emulator", "make_emulator"]
+
+EMULATORS: dict[str, tuple[Callable[[np.random.Generator, Any], Emulator], type[msgspec.Struct]]] = {
+    "sba5": (Sba5Emulator, Sba5Emulation),
+}
+"""For every instrument type that has a line of its own: its emulator and the emulator's options."""
+
+
+def make_emulator(spec_type: str, rng: np.random.Generator, **options: Any) -> Emulator:
+    """An emulated instrument of this type, warm and zeroed unless `options` say otherwise.
+
+    `SensorError` for an unknown type, one without a serial line, or an option that its emulator does not
+    have.
+    """
+    name = instrument_type(spec_type).name
+    if name not in EMULATORS:
+        raise SensorError(f"instrument type {name} has no line of its own to emulate")
+    emulator, kind = EMULATORS[name]
+    try:
+        checked = msgspec.convert(options, kind)
+    except msgspec.ValidationError as error:
+        known = ", ".join(kind.__struct_fields__)
+        raise SensorError(f"emulated {name}: {error}; its options are: {known}") from error
+    return emulator(rng, checked)
