@@ -37,6 +37,7 @@ from mission.observation import (
     Observation,
     OwnState,
     Stage,
+    Strategy,
     TreePlace,
 )
 from mission.search import make
@@ -125,7 +126,7 @@ class Agent:
         )
         vehicle = self.session.report
         notes += [Note(Severity.WARNING, "peer", problem) for problem in inbox.problems]
-        notes += [Note(_severity(text.severity), "statustext", text.text) for text in vehicle.texts]
+        notes += [Note(_severity(text.severity), "statustext", text.text) for text in vehicle.new_texts]
         # filters
         sensed = self._sensing.step(
             now_s, inputs.ports, self._vehicle_samples(now_s, vehicle), _motion(vehicle)
@@ -157,14 +158,14 @@ class Agent:
     def _vehicle_samples(self, now_s: float, vehicle: VehicleReport) -> list[Sample]:
         """What the autopilot says that an instrument could have said: its wind estimate, readings it relays."""
         samples = []
-        if vehicle.wind is not None and vehicle.wind.age_s < 0.5 / self.config.tick_hz:
+        if vehicle.wind_ned_mps is not None:
             samples.append(
                 Sample(
                     now_s,
                     "autopilot wind",
                     InstrumentState.MEASURING,
-                    wind_ned_mps=vehicle.wind.wind_ned_mps,
-                    wind_sd_mps=vehicle.wind.sd_mps,
+                    wind_ned_mps=vehicle.wind_ned_mps,
+                    wind_sd_mps=vehicle.wind_sd_mps,
                 )
             )
         relayed = {
@@ -173,9 +174,9 @@ class Agent:
             if i.port == "mavlink"
         }
         samples += [
-            Sample(now_s, relayed[item.name], InstrumentState.MEASURING, co2_ppm=item.value)
-            for item in vehicle.named_values
-            if item.name in relayed and math.isfinite(item.value) and item.value >= 0.0
+            Sample(now_s, relayed[name], InstrumentState.MEASURING, co2_ppm=value)
+            for name, value in vehicle.named_values
+            if name in relayed and math.isfinite(value) and value >= 0.0
         ]
         return samples
 
@@ -450,7 +451,7 @@ class Agent:
 def _motion(vehicle: VehicleReport) -> VehicleMotion | None:
     if vehicle.attitude_rad is None or vehicle.velocity_ned_mps is None:
         return None
-    return VehicleMotion(vehicle.attitude_rad, vehicle.velocity_ned_mps)
+    return VehicleMotion(vehicle.attitude_rad, vehicle.velocity_ned_mps, airborne=vehicle.airborne)
 
 
 def _severity(mavlink_severity: int) -> Severity:
