@@ -113,8 +113,14 @@ class Survey(msgspec.Struct, frozen=True):
     warnings: tuple[str, ...]
 
 
-def load(path: str | pathlib.Path, **changes: Any) -> Survey:
-    """Read and check a survey file; `changes` are fields given on the command line instead.
+def load(
+    path: str | pathlib.Path,
+    *,
+    speedup: float | None = None,
+    seed: int | None = None,
+    extra_faults: tuple[FaultSpec, ...] = (),
+) -> Survey:
+    """Read and check a survey file; the options are what the command line gives instead or on top.
 
     `DocumentError` says in one line what is wrong, where, and how to mend it.
     """
@@ -126,8 +132,12 @@ def load(path: str | pathlib.Path, **changes: Any) -> Survey:
     except UnicodeDecodeError as error:
         raise DocumentError(file, "cannot be read: it is not UTF-8 text") from error
     config = parse(text, SurveyConfig, file)
-    if changes:
-        config = msgspec.structs.replace(config, **changes)
+    config = msgspec.structs.replace(
+        config,
+        speedup=config.speedup if speedup is None else speedup,
+        seed=config.seed if seed is None else seed,
+        faults=(*config.faults, *extra_faults),
+    )
     return _Checks(file, text, config).run()
 
 

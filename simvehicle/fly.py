@@ -1,0 +1,201 @@
+"""`simvehicle fly`: a whole survey on this machine, from its file to its report."""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import os
+import pathlib
+import time
+
+import msgspec
+
+from flightstack.clock import WallClock
+from flightstack.topics import COMMAND
+from flightstack.transport import Transport
+from flightstack.wire import Severity
+from mission.documents import DocumentError
+from simvehicle import launch, progress, summary
+from simvehicle.conductor import Conductor, Finish, Give, KillAgent
+from simvehicle.processes import Interrupts, Processes
+from simvehicle.survey import Kill, Survey
+from simvehicle.truth import TruthTail, read_tracks
+from simvehicle.watch import RECEIVES, Log, SurveyWatch
+from simvehicle.worlds import make_world
+
+LAUNCHER = "launcher"
+"""Our name among the nodes of the swarm."""
+PERIOD_WALL_S = 0.1
+LINGER_WALL_S = 1.0
+"""How long everybody may go on after the end, so that the recordings hold the end too."""
+
+
+class Flown(msgspec.Struct, frozen=True):
+    """A survey that is over, with everything that its report is made from."""
+
+    summary: summary.Summary
+    log: Log
+    directory: pathlib.Path
+
+
+def check_kills(survey: Survey, kills: tuple[Kill, ...]) -> None:
+    """`DocumentError` for a kill of a drone that is not there."""
+    ids = [drone.id for drone in survey.drones]
+    for kill in kills:
+        if kill.drone not in ids:
+            raise DocumentError(
+                f"--kill {kill.drone}@{kill.at_s:g}", f"there is no drone {kill.drone}, but {ids}"
+            )
+
+
+def fly(
+    survey: Survey,
+    *,
+    out: pathlib.Path,
+    kills: tuple[Kill, ...] = (),
+    commands: launch.Commands = launch.installed,
+) -> Flown:
+    """Fly `survey` to its end, whatever that is; nothing that was started is left running.
+
+    Everything is written into a new directory in `out`. Ctrl-C or SIGTERM lands everybody first; the second one ends
+    at once. `commands` says which programs the parts are.
+    """
+    check_kills(survey, kills)
+    directory = launch.make_directory(
+        out, survey.config.name, datetime.datetime.now(datetime.UTC).astimezone()
+    )
+    plan = launch.plan(survey, directory)
+    interrupts = Interrupts()
+    began_s = time.monotonic()
+    with interrupts.watched(), Processes(directory) as processes:
+        launch.start(plan, processes, commands)
+        watch, conductor, finish, lost = _conduct(survey, plan, processes, interrupts, kills)
+        stubborn = processes.stop()
+    log = watch.log()
+    flown = summary.summarise(
+        survey.config.name,
+        plan.fleet,
+        make_world(plan.fleet).plume.source_ned_m,
+        survey.geofence,
+        survey.config.limits.separation_m,
+        read_tracks(plan.truth),
+        log,
+        summary.Ending(
+            outcome=str(finish.outcome),
+            reason=finish.reason,
+            alive=frozenset(conductor.alive),
+            kills=conductor.kills,
+            lost_processes=tuple(lost),
+            wall_s=time.monotonic() - began_s,
+            log_dir=_shown(directory),
+            warnings=(
+                *survey.warnings,
+                *(f"{name} had to be killed at the end" for name in stubborn),
+                *(f"{count} unreadable messages: {problem}" for problem, count in watch.unreadable.items()),
+            ),
+        ),
+    )
+    summary.write(flown, directory)
+    (directory / "log.json").write_bytes(msgspec.json.encode(log))
+    return Flown(flown, log, directory)
+
+
+def write_report(survey: Survey, flown: Flown) -> pathlib.Path:
+    """Draw `report.html` from what a survey left in its directory."""
+    from simvehicle import report
+
+    report.write(
+        survey, flown.summary, read_tracks(flown.directory / "truth.csv"), flown.log, flown.directory
+    )
+    return flown.directory / "report.html"
+
+
+def words(flown: summary.Summary) -> str:
+    """The summary in a few lines for a person."""
+    lines = [f"{flown.outcome}: {flown.reason}"]
+    if flown.time_to_source_s is not None:
+        contact = (
+            "" if flown.time_to_contact_s is None else f"contact after {flown.time_to_contact_s:.0f} s, "
+        )
+        error = "" if flown.source_error_m is None else f", {flown.source_error_m:.1f} m off"
+        lines.append(f"{contact}source after {flown.time_to_source_s:.0f} s{error}")
+    separation = (
+        "" if flown.min_separation_m is None else f", smallest separation {flown.min_separation_m:.1f} m"
+    )
+    lines.append(
+        f"{flown.alive} of {flown.drones} drones alive, {flown.heals} heals, {flown.fence_breaches} fence breaches"
+        f"{separation}, {flown.missed_deadline_fraction:.2%} of deadlines missed"
+    )
+    lines += [f"drone {orphan.drone}: {orphan.story}" for orphan in flown.orphans]
+    lines += list(flown.lost_processes)
+    lines.append(
+        f"{flown.simulated_s:.0f} s simulated in {flown.wall_s:.0f} s; everything is in {flown.log_dir}"
+    )
+    return "\n".join(lines)
+
+
+def _conduct(
+    survey: Survey, plan: launch.Plan, processes: Processes, interrupts: Interrupts, kills: tuple[Kill, ...]
+) -> tuple[SurveyWatch, Conductor, Finish, list[str]]:
+    """The loop: hear, see, decide, do; until the conductor says that it is over."""
+    clock = WallClock(survey.config.speedup)
+    watch = SurveyWatch([drone.id for drone in survey.drones])
+    conductor = Conductor(
+        watch,
+        launcher=LAUNCHER,
+        survey=plan.directory.name,
+        time_limit_s=survey.config.time_limit_s,
+        kills=kills,
+    )
+    lost: list[str] = []
+    over: Finish | None = None
+    linger_until_s = 0.0
+    with contextlib.ExitStack() as open_ends:
+        transport = _join(plan)
+        open_ends.callback(transport.close)
+        truth = TruthTail(plan.truth)
+        open_ends.callback(truth.close)
+        display = open_ends.enter_context(progress.make_progress(watch, conductor, survey.config.speedup))
+        began_s = time.monotonic()
+        while over is None or time.monotonic() < linger_until_s:
+            now_s = clock.now_s()
+            for received in transport.receive():
+                watch.hear(now_s, received.topic, received.payload)
+            watch.see(now_s, truth.read())
+            ended = processes.ended()
+            lost += [str(one) for one in ended]
+            wall_s = time.monotonic()
+            for action in (
+                conductor.step(now_s, wall_s, ended, interrupted=interrupts.asked) if over is None else ()
+            ):
+                match action:
+                    case Give(command):
+                        transport.publish(COMMAND, COMMAND.codec.encode(command))
+                    case KillAgent(drone):
+                        processes.kill(launch.agent_name(drone))
+                    case Finish():
+                        over = action
+                        linger_until_s = wall_s + (
+                            LINGER_WALL_S if watch.first_takeoff_s is not None else 0.0
+                        )
+                        watch.note(now_s, Severity.INFO, "end", f"{action.outcome}: {action.reason}")
+            note = "landing everybody; Ctrl-C again ends at once" if interrupts.asked else ""
+            display.show(now_s, wall_s=wall_s - began_s, note=note)
+            time.sleep(PERIOD_WALL_S)
+    return watch, conductor, over, lost
+
+
+def _join(plan: launch.Plan) -> Transport:
+    """Join the swarm. Imported late: zenoh starts threads, and the children are started before them."""
+    from flightstack.transport.zenoh_transport import ZenohTransport
+
+    return ZenohTransport(
+        plan.swarm, LAUNCHER, listen=(), connect=plan.endpoints, receives=RECEIVES, tls=None
+    )
+
+
+def _shown(directory: pathlib.Path) -> str:
+    """The directory as the user would write it, from where they are."""
+    with contextlib.suppress(ValueError):
+        return os.fspath(directory.relative_to(pathlib.Path.cwd()))
+    return os.fspath(directory)
