@@ -1,0 +1,248 @@
+"""A radio inside one process, on simulated time: loss, delay, repetition, reordering, range, partitions.
+
+The same seed, calls and times give the same deliveries. Every directed link has a random sequence of its own, so a
+fault on one link does not change what happens on the others.
+"""
+
+from __future__ import annotations
+
+import collections
+import dataclasses
+import heapq
+import itertools
+import math
+import random
+from collections.abc import Callable, Collection, Iterable
+from typing import Final
+
+from flightstack.topics import TOPICS, Delivery, Topic
+from flightstack.transport import Received, TransportError
+from flightstack.transport.backlog import KEPT_PER_SENDER
+from mission.frames import Vector3
+
+_RESEND_S: Final = 0.2
+"""What each loss costs a reliable message: TCP's smallest retransmission time."""
+_RELIABLE_BACKLOG: Final = 4096
+"""Also what a node that nobody empties, a dead agent's, may hold."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Conditions:
+    """How one directed link treats messages. Probabilities are per message."""
+
+    loss: float = 0.0
+    """Best-effort messages vanish; reliable ones come late instead."""
+    delay_s: float = 0.0
+    jitter_s: float = 0.0
+    """Mean of an exponential delay added to `delay_s`; it does not reorder."""
+    duplication: float = 0.0
+    reordering: float = 0.0
+    """A best-effort message is held back so that later ones overtake it."""
+    held_back_s: float = 0.3
+
+    def __post_init__(self) -> None:
+        for name in ("loss", "duplication", "reordering"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise ValueError(f"{name} {getattr(self, name)} is not a probability")
+        if self.loss == 1.0:
+            raise ValueError("a link that loses everything is a partition: use `cut`")
+        if min(self.delay_s, self.jitter_s, self.held_back_s) < 0.0:
+            raise ValueError("a delay is negative")
+
+
+class _Link:
+    """One direction between two nodes: its conditions, its randomness, and when it delivers."""
+
+    def __init__(self, seed: int, sender: str, receiver: str) -> None:
+        self._random = random.Random(f"{seed}/{sender}/{receiver}")
+        self._latest_s = dict.fromkeys(Delivery, -math.inf)
+        """A link keeps the order of what it delivers, separately for each kind of delivery."""
+
+    def arrivals_s(self, now_s: float, conditions: Conditions, delivery: Delivery) -> list[float]:
+        """When a message sent now arrives: never, once, or twice."""
+        draw = self._random.random
+        lost, repeated, overtaken = draw(), draw(), draw()
+        jitter_s = self._random.expovariate(1.0) * conditions.jitter_s
+        due_s = now_s + conditions.delay_s + jitter_s
+        if delivery is Delivery.RELIABLE:
+            while lost < conditions.loss:
+                due_s += _RESEND_S
+                lost = draw()
+            return [self._in_order_s(due_s, delivery)]
+        if lost < conditions.loss:
+            return []
+        if overtaken < conditions.reordering:
+            arrivals_s = [due_s + conditions.held_back_s]
+        else:
+            arrivals_s = [self._in_order_s(due_s, delivery)]
+        if repeated < conditions.duplication:
+            arrivals_s.append(arrivals_s[0])
+        return arrivals_s
+
+    def _in_order_s(self, due_s: float, delivery: Delivery) -> float:
+        self._latest_s[delivery] = max(due_s, self._latest_s[delivery])
+        return self._latest_s[delivery]
+
+
+class MemoryTransport:
+    """One node on a `MemoryRadio`, as `flightstack.transport.Transport` describes it."""
+
+    def __init__(self, radio: MemoryRadio, node: str, receives: Iterable[Topic]) -> None:
+        self.node = node
+        self._radio = radio
+        self._receives = frozenset(topic.name for topic in receives)
+        self._closed = False
+        self._arrivals = itertools.count()
+        self._newest: dict[tuple[str, str], collections.deque[tuple[int, Received]]] = {}
+        self._reliable: collections.deque[tuple[int, Received]] = collections.deque(maxlen=_RELIABLE_BACKLOG)
+
+    def publish(self, topic: Topic, payload: bytes) -> None:
+        self._check_open()
+        self._radio.send(self.node, topic, payload)
+
+    def receive(self) -> list[Received]:
+        self._check_open()
+        held = sorted(itertools.chain(self._reliable, *self._newest.values()), key=lambda item: item[0])
+        self.forget()
+        return [message for _, message in held]
+
+    def alive(self) -> set[str]:
+        """The other nodes that this one could hear now."""
+        return self._radio.audible(self.node)
+
+    def close(self) -> None:
+        if not self._closed:
+            self._closed = True
+            self._radio.leave(self.node)
+
+    def deliver(self, message: Received) -> None:
+        """The radio's side: a message has arrived."""
+        if message.topic.name not in self._receives:
+            return
+        item = (next(self._arrivals), message)
+        if message.topic.delivery is Delivery.RELIABLE:
+            self._reliable.append(item)
+            return
+        source = (message.topic.name, message.sender)
+        self._newest.setdefault(source, collections.deque(maxlen=KEPT_PER_SENDER)).append(item)
+
+    def forget(self) -> None:
+        """Drop what has come and was not received."""
+        self._newest.clear()
+        self._reliable.clear()
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise TransportError(f"node {self.node} has left the swarm's network")
+
+
+class MemoryRadio:
+    """The air between the nodes of one process. Time is what `step` is told; nothing arrives between steps."""
+
+    def __init__(
+        self, seed: int = 0, conditions: Conditions | None = None, range_m: float | None = None
+    ) -> None:
+        """All links have `conditions` (None: perfect) until `set_link`; `range_m` None: everybody in range."""
+        self.conditions = conditions or Conditions()
+        self.range_m = range_m
+        self.now_s = 0.0
+        self._seed = seed
+        self._nodes: dict[str, MemoryTransport] = {}
+        self._positions: dict[str, Callable[[], Vector3]] = {}
+        self._links: dict[tuple[str, str], _Link] = {}
+        self._special: dict[tuple[str, str], Conditions] = {}
+        self._cuts: dict[str, frozenset[str]] = {}
+        self._off: set[str] = set()
+        self._order = itertools.count()
+        self._in_flight: list[tuple[float, int, str, Received]] = []
+
+    # -- nodes ---------------------------------------------------------------------------------------------------
+
+    def join(
+        self,
+        node: int | str,
+        receives: Iterable[Topic] = tuple(TOPICS.values()),
+        position: Callable[[], Vector3] | None = None,
+    ) -> MemoryTransport:
+        """A new node; `position` tells where it is (NED, m) whenever a range must be judged."""
+        name = str(node)
+        if name in self._nodes:
+            raise TransportError(f"node {name} is on the radio already; close it first")
+        self._nodes[name] = transport = MemoryTransport(self, name, receives)
+        if position is not None:
+            self._positions[name] = position
+        return transport
+
+    def leave(self, node: str) -> None:
+        """The node is gone; `MemoryTransport.close` calls this."""
+        self._nodes.pop(node, None)
+        self._positions.pop(node, None)
+
+    def place(self, node: int | str, position_ned_m: Vector3) -> None:
+        """Where `node` is from now on."""
+        self._positions[str(node)] = lambda: position_ned_m
+
+    # -- faults --------------------------------------------------------------------------------------------------
+
+    def set_link(
+        self, sender: int | str, receiver: int | str, conditions: Conditions, *, both_ways: bool = True
+    ) -> None:
+        self._special[str(sender), str(receiver)] = conditions
+        if both_ways:
+            self._special[str(receiver), str(sender)] = conditions
+
+    def cut(self, name: str, group: Collection[int | str]) -> None:
+        """Partition: nobody in `group` hears anybody outside it, until `mend(name)`."""
+        self._cuts[name] = frozenset(str(node) for node in group)
+
+    def mend(self, name: str) -> None:
+        if self._cuts.pop(name, None) is None:
+            raise ValueError(f"no partition is named {name!r}")
+
+    def switch_off(self, node: int | str) -> None:
+        """The node's radio is dead: it sends nothing, hears nothing and forgets what it had heard."""
+        self._off.add(str(node))
+        if str(node) in self._nodes:
+            self._nodes[str(node)].forget()
+
+    def switch_on(self, node: int | str) -> None:
+        self._off.discard(str(node))
+
+    # -- traffic -------------------------------------------------------------------------------------------------
+
+    def send(self, sender: str, topic: Topic, payload: bytes) -> None:
+        """Put a message on the air; `MemoryTransport.publish` calls this."""
+        message = Received(topic, sender, bytes(payload))
+        for receiver in self._nodes:
+            if receiver == sender or not self._connected(sender, receiver):
+                continue
+            pair = (sender, receiver)
+            link = self._links.get(pair)
+            if link is None:
+                link = self._links[pair] = _Link(self._seed, sender, receiver)
+            conditions = self._special.get(pair, self.conditions)
+            for due_s in link.arrivals_s(self.now_s, conditions, topic.delivery):
+                heapq.heappush(self._in_flight, (due_s, next(self._order), receiver, message))
+
+    def step(self, now_s: float) -> None:
+        """Deliver what is due by `now_s`. A message whose link has broken on its way is lost."""
+        if now_s < self.now_s:
+            raise ValueError(f"time goes back from {self.now_s} s to {now_s} s")
+        self.now_s = now_s
+        while self._in_flight and self._in_flight[0][0] <= now_s:
+            _, _, receiver, message = heapq.heappop(self._in_flight)
+            if receiver in self._nodes and self._connected(message.sender, receiver):
+                self._nodes[receiver].deliver(message)
+
+    def audible(self, node: str) -> set[str]:
+        """The nodes that `node` could hear now."""
+        return {other for other in self._nodes if other != node and self._connected(other, node)}
+
+    def _connected(self, sender: str, receiver: str) -> bool:
+        if sender in self._off or receiver in self._off:
+            return False
+        if any((sender in group) != (receiver in group) for group in self._cuts.values()):
+            return False
+        if self.range_m is None or sender not in self._positions or receiver not in self._positions:
+            return True
+        return math.dist(self._positions[sender](), self._positions[receiver]()) <= self.range_m

@@ -1,0 +1,302 @@
+"""The swarm's network: zenoh peers that connect to each other directly, at endpoints that are written down.
+
+No multicast (many radios have none) and no broker (its loss would silence everybody). Every node listens where its
+configuration says and connects to every endpoint that it is told, for ever; gossip adds peers that are not
+written down. A connection made by gossip alone is *not* made again after it broke while the rest of the mesh
+stayed up, so a configuration should name every other node in `connect`.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import pathlib
+import queue
+import re
+import threading
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Final
+
+import zenoh
+
+from flightstack.config import TlsConfig
+from flightstack.topics import Delivery, Topic
+from flightstack.transport import Received, TransportError
+from flightstack.transport.backlog import trimmed
+from flightstack.transport.linger import stop_lingering
+
+log = logging.getLogger(__name__)
+
+LEASE_S: Final = 1.0
+"""Silence of a connection after which a peer's host counts as unreachable."""
+_BEST_EFFORT_BACKLOG: Final = 1024
+"""Samples of one topic between two `receive`: ten seconds of twenty senders at 5 Hz."""
+_RELIABLE_BACKLOG: Final = 4096
+_LARGEST_MESSAGE_BYTES: Final = 1 << 20
+_CLOSE_WITHIN_S: Final = 2.0
+_WORD: Final = re.compile(r"[A-Za-z0-9_-]+")
+_ENDPOINT: Final = re.compile(
+    r"(?P<protocol>tcp|udp|tls|quic)/(?:\[[0-9a-fA-F:.%\w]+\]|[^\s/:#?\[\]]+):(?P<port>\d{1,5})(?:[?#]\S*)?"
+)
+
+
+class ZenohTransport:
+    """One node of the swarm, as `flightstack.transport.Transport` describes it. Opening does not wait for peers."""
+
+    def __init__(
+        self,
+        swarm: str,
+        node: int | str,
+        listen: Sequence[str],
+        connect: Sequence[str],
+        receives: Iterable[Topic],
+        tls: TlsConfig | None = None,
+    ) -> None:
+        """Open the session and subscribe to `receives`.
+
+        `listen` and `connect` are zenoh endpoints ("tcp/10.0.0.3:7447"). A node that listens nowhere reaches
+        only the nodes that it connects to. With `tls` every endpoint is "tls/…" and both ends of a connection
+        show a certificate of the swarm's authority.
+
+        Raises `TransportError` for a bad endpoint, one that cannot be listened on, or unreadable certificates.
+        """
+        self.node = str(node)
+        for what, word in (("swarm", swarm), ("node", self.node)):
+            if not _WORD.fullmatch(word):
+                raise TransportError(f"{what} name {word!r}: use letters, digits, - and _ only")
+        self._swarm = swarm
+        self._closed = False
+        self._session = _open(_configuration(listen, connect, tls), listen)
+        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._subscribers = {topic.name: (topic, self._subscribe(topic)) for topic in receives}
+        self._links = self._session.info.declare_link_events_listener(
+            zenoh.handlers.RingChannel(_BEST_EFFORT_BACKLOG), history=True
+        )
+        self._alive: set[str] = set()
+        liveliness = self._session.liveliness()
+        self._presence = liveliness.declare_subscriber(
+            f"flightstack/{swarm}/alive/*", zenoh.handlers.RingChannel(_RELIABLE_BACKLOG), history=True
+        )
+        self._token = liveliness.declare_token(f"flightstack/{swarm}/alive/{self.node}")
+        self._outbox = _Outbox()
+
+    def publish(self, topic: Topic, payload: bytes) -> None:
+        if self._closed:
+            raise TransportError(f"node {self.node} has left the swarm's network")
+        publisher = self._publishers.get(topic.name)
+        if publisher is None:
+            publisher = self._publishers[topic.name] = self._declare(topic)
+        if topic.delivery is Delivery.RELIABLE:
+            self._outbox.put(publisher, payload)
+        else:
+            publisher.put(payload)
+
+    def receive(self) -> list[Received]:
+        if self._closed:
+            raise TransportError(f"node {self.node} has left the swarm's network")
+        if _drain(self._links):
+            stop_lingering()
+        messages: list[Received] = []
+        for topic, subscriber in self._subscribers.values():
+            samples = _drain(subscriber)
+            if topic.delivery is Delivery.RELIABLE and len(samples) >= _RELIABLE_BACKLOG:
+                log.error("%d %s messages came at once: older ones may be lost", len(samples), topic.name)
+            messages += [
+                Received(topic, _last_word(sample.key_expr), sample.payload.to_bytes()) for sample in samples
+            ]
+        return trimmed(messages)
+
+    def alive(self) -> set[str]:
+        """The other nodes whose processes are connected, by name: a hint that comes before their silence shows.
+
+        A live process is not yet a live agent: only its messages prove that.
+        """
+        for sample in _drain(self._presence):
+            name = _last_word(sample.key_expr)
+            if sample.kind == zenoh.SampleKind.PUT:
+                self._alive.add(name)
+            else:
+                self._alive.discard(name)
+        return self._alive - {self.node}
+
+    def close(self) -> None:
+        """Leave the network. What is still queued of reliable topics is sent first, if that takes no time."""
+        if self._closed:
+            return
+        self._closed = True
+        self._outbox.close()
+        _within(_CLOSE_WITHIN_S, self._session.close, "leaving the swarm's network")
+
+    def _subscribe(self, topic: Topic) -> Any:
+        # Ring buffers, because a full FIFO stops zenoh's own thread and with it all other topics; polled, because
+        # a callback costs a thread's wake-up for every message and its exceptions go nowhere.
+        size = _RELIABLE_BACKLOG if topic.delivery is Delivery.RELIABLE else _BEST_EFFORT_BACKLOG
+        return self._session.declare_subscriber(
+            topic.key(self._swarm, "*"),
+            zenoh.handlers.RingChannel(size),
+            allowed_origin=zenoh.Locality.REMOTE,
+        )
+
+    def _declare(self, topic: Topic) -> zenoh.Publisher:
+        reliable = topic.delivery is Delivery.RELIABLE
+        return self._session.declare_publisher(
+            topic.key(self._swarm, self.node),
+            congestion_control=zenoh.CongestionControl.BLOCK if reliable else zenoh.CongestionControl.DROP,
+            priority=zenoh.Priority.INTERACTIVE_HIGH if reliable else zenoh.Priority.DATA,
+            reliability=zenoh.Reliability.RELIABLE if reliable else zenoh.Reliability.BEST_EFFORT,
+            express=reliable,
+        )
+
+
+class _Outbox:
+    """Sends reliable messages from a thread of its own: a put may wait for a stalled peer, a tick must not."""
+
+    CAPACITY: Final = 1000
+
+    def __init__(self) -> None:
+        self._queue: queue.Queue[tuple[zenoh.Publisher, bytes] | None] = queue.Queue(self.CAPACITY)
+        self._thread: threading.Thread | None = None
+
+    def put(self, publisher: zenoh.Publisher, payload: bytes) -> None:
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._run, name="zenoh-outbox", daemon=True)
+            self._thread.start()
+        try:
+            self._queue.put_nowait((publisher, payload))
+        except queue.Full:
+            log.error("a message on %s is lost: %d wait unsent", publisher.key_expr, self.CAPACITY)
+
+    def close(self) -> None:
+        if self._thread is None:
+            return
+        try:
+            self._queue.put_nowait(None)
+        except queue.Full:
+            return  # the thread is stuck and a daemon; what it holds cannot be sent
+        self._thread.join(_CLOSE_WITHIN_S)
+
+    def _run(self) -> None:
+        while (item := self._queue.get()) is not None:
+            publisher, payload = item
+            try:
+                publisher.put(payload)
+            except zenoh.ZError as error:
+                log.error("a message on %s is lost: %s", publisher.key_expr, _reason(error))
+
+
+def _drain(source: Any) -> list[Any]:
+    samples = []
+    while (sample := source.try_recv()) is not None:
+        samples.append(sample)
+    return samples
+
+
+def _last_word(key: zenoh.KeyExpr) -> str:
+    return str(key).rpartition("/")[2]
+
+
+def _configuration(listen: Sequence[str], connect: Sequence[str], tls: TlsConfig | None) -> dict[str, Any]:
+    """zenoh's configuration by path; see its DEFAULT_CONFIG.json5 for what each means."""
+    for field, endpoints in (("listen", listen), ("connect", connect)):
+        for endpoint in endpoints:
+            _check(field, endpoint, tls)
+    options: dict[str, Any] = {
+        "mode": "peer",
+        "listen": {"endpoints": list(listen), "timeout_ms": 0, "exit_on_failure": True},
+        "connect": {
+            # A list of all members may name this node itself.
+            "endpoints": [endpoint for endpoint in connect if endpoint not in listen],
+            "timeout_ms": -1,
+            "exit_on_failure": False,
+            "retry": {"period_init_ms": 250, "period_max_ms": 1000, "period_increase_factor": 2},
+        },
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": True,
+        "scouting/delay": 0,
+        "open/return_conditions": {"connect_scouted": False, "declares": False},
+        "transport/unicast/open_timeout": 3000,
+        "transport/unicast/accept_timeout": 3000,
+        "transport/link/tx/lease": round(LEASE_S * 1000.0),
+        "transport/link/tx/queue/congestion_control": {
+            "drop": {"wait_before_drop": 0},
+            "block": {"wait_before_close": 1_000_000},
+        },
+        # A slow radio shall drop old states, not queue seconds of them in the kernel.
+        "transport/link/tcp": {"so_sndbuf": 1 << 16},
+        "transport/link/rx/max_message_size": _LARGEST_MESSAGE_BYTES,
+        "transport/shared_memory/enabled": False,  # a killed process would leave files in /dev/shm
+    }
+    if tls is not None:
+        options["transport/link/protocols"] = ["tls"]
+        options["transport/link/tls"] = {
+            "root_ca_certificate": tls.authority,
+            "listen_private_key": tls.private_key,
+            "listen_certificate": tls.certificate,
+            "connect_private_key": tls.private_key,
+            "connect_certificate": tls.certificate,
+            "enable_mtls": True,
+            # Members are known by the authority that signed them; their addresses change with the network.
+            "verify_name_on_connect": False,
+        }
+    return options
+
+
+def _check(field: str, endpoint: str, tls: TlsConfig | None) -> None:
+    match = _ENDPOINT.fullmatch(endpoint)
+    if match is None or int(match["port"]) > 65535:
+        raise TransportError(f'swarm.{field}: {endpoint!r} is no endpoint; write it as "tcp/10.0.0.3:7447"')
+    if tls is not None and match["protocol"] != "tls":
+        raise TransportError(
+            f'swarm.{field}: {endpoint} is not encrypted although swarm.tls is set; write "tls/…"'
+        )
+    if tls is None and match["protocol"] in ("tls", "quic"):
+        raise TransportError(f"swarm.{field}: {endpoint} needs swarm.tls with the certificates")
+
+
+def _open(options: dict[str, Any], listen: Sequence[str]) -> zenoh.Session:
+    tls = options.get("transport/link/tls", {})
+    for name in ("root_ca_certificate", "listen_certificate", "listen_private_key"):
+        if name in tls:
+            _check_readable(tls[name])
+    config = zenoh.Config()
+    try:
+        for path, value in options.items():
+            config.insert_json5(path, json.dumps(value))
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        place = f"cannot listen on {', '.join(listen)}" if listen else "cannot join the swarm's network"
+        raise TransportError(f"{place}: {_reason(error)}") from error
+
+
+def _check_readable(file: str) -> None:
+    try:
+        with pathlib.Path(file).open("rb"):
+            pass
+    except OSError as error:
+        raise TransportError(f"swarm.tls: cannot read {file}: {error.strerror}") from error
+
+
+def _reason(error: Exception) -> str:
+    """zenoh's message in one line, without the places in its sources, and with the mend for the usual case."""
+    text = re.sub(r" at /\S+?\.rs:\d+\.?", "", " ".join(str(error).split()))
+    if "Address already in use" in text:
+        return "the port is in use; end the other process or choose another port"
+    if "Cannot assign requested address" in text:
+        return "this machine does not have that address; use one of its own"
+    return text
+
+
+def _within(limit_s: float, action: Callable[[], object], what: str) -> None:
+    """Run `action`, but wait no longer than `limit_s` for it: zenoh may wait for a peer that is gone."""
+
+    def run() -> None:
+        try:
+            action()
+        except zenoh.ZError as error:
+            log.warning("%s: %s", what, _reason(error))
+
+    thread = threading.Thread(target=run, name="zenoh-close", daemon=True)
+    thread.start()
+    thread.join(limit_s)
+    if thread.is_alive():
+        log.warning("%s takes longer than %g s; going on without", what, limit_s)

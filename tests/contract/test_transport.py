@@ -1,0 +1,232 @@
+"""What every transport promises: `flightstack.transport.Transport` over zenoh and over the in-process radio."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Protocol
+
+import pytest
+
+from flightstack.topics import COMMAND, EVENT, OUTCOME, STATE, TREE, Topic
+from flightstack.transport import Received, Transport, TransportError
+from flightstack.transport.backlog import KEPT_PER_SENDER
+from flightstack.transport.memory import MemoryRadio
+from flightstack.transport.zenoh_transport import ZenohTransport
+
+ALL = (STATE, TREE, COMMAND, OUTCOME, EVENT)
+
+
+class Node(Transport, Protocol):
+    def alive(self) -> set[str]: ...
+
+
+class Network(Protocol):
+    def join(self, name: int | str, receives: Sequence[Topic] = ALL) -> Node: ...
+
+    def turn(self) -> None:
+        """Let what is under way arrive, or come nearer to it."""
+        ...
+
+
+class RadioNetwork:
+    def __init__(self) -> None:
+        self._radio = MemoryRadio(seed=1)
+
+    def join(self, name: int | str, receives: Sequence[Topic] = ALL) -> Node:
+        return self._radio.join(name, receives)
+
+    def turn(self) -> None:
+        self._radio.step(self._radio.now_s + 0.1)
+
+
+class ZenohNetwork:
+    """All nodes connect to the first one; the rest is gossip."""
+
+    def __init__(self, free_port: Callable[[], int]) -> None:
+        self._free_port = free_port
+        self._seed: tuple[str, ...] = ()
+        self._nodes: list[Node] = []
+
+    def join(self, name: int | str, receives: Sequence[Topic] = ALL) -> Node:
+        endpoint = f"tcp/127.0.0.1:{self._free_port()}"
+        node = ZenohTransport("contract", name, (endpoint,), self._seed, receives)
+        self._seed = self._seed or (endpoint,)
+        self._nodes.append(node)
+        return node
+
+    def turn(self) -> None:
+        """zenoh's own threads carry the messages."""
+
+    def close(self) -> None:
+        for node in self._nodes:
+            node.close()
+
+
+@pytest.fixture(params=["radio", "zenoh"])
+def network(request: pytest.FixtureRequest, free_port: Callable[[], int]) -> Iterator[Network]:
+    if request.param == "radio":
+        yield RadioNetwork()
+        return
+    zenoh = ZenohNetwork(free_port)
+    yield zenoh
+    zenoh.close()
+
+
+@pytest.fixture
+def until(network: Network, eventually: Callable[..., None]) -> Callable[[Callable[[], object]], None]:
+    def wait(condition: Callable[[], object]) -> None:
+        def turned() -> object:
+            network.turn()
+            return condition()
+
+        eventually(turned)
+
+    return wait
+
+
+class Ear:
+    """Everything that a node has received so far."""
+
+    def __init__(self, node: Node) -> None:
+        self.node = node
+        self.heard: list[Received] = []
+
+    def listen(self) -> list[Received]:
+        self.heard += self.node.receive()
+        return self.heard
+
+    def payloads(self, topic: Topic) -> list[bytes]:
+        return [message.payload for message in self.listen() if message.topic is topic]
+
+
+def _introduce(until: Callable[[Callable[[], object]], None], *nodes: Node) -> None:
+    """Wait until every node has heard every other one, and nothing of that is left."""
+    ears = [Ear(node) for node in nodes]
+
+    def all_heard() -> bool:
+        for node in nodes:
+            node.publish(EVENT, b"hello")
+        return all(len({message.sender for message in ear.listen()}) >= len(nodes) - 1 for ear in ears)
+
+    until(all_heard)
+    for node in nodes:
+        node.publish(EVENT, b"end")
+    ends = [Ear(node) for node in nodes]
+    until(lambda: all(ear.payloads(EVENT).count(b"end") >= len(nodes) - 1 for ear in ends))
+
+
+def test_a_message_reaches_all_others_and_not_its_sender(network, until):
+    a, b, c = network.join(1), network.join(2), network.join("ground")
+    _introduce(until, a, b, c)
+    a.publish(COMMAND, b"take off")
+    ears = [Ear(b), Ear(c)]
+    until(lambda: all(ear.payloads(COMMAND) for ear in ears))
+    assert [ear.heard for ear in ears] == [[Received(COMMAND, "1", b"take off")]] * 2
+    assert a.receive() == []
+
+
+def test_only_topics_asked_for_are_received(network, until):
+    a, b = network.join(1), network.join(2, (EVENT, STATE))
+    ear = Ear(b)
+    until(
+        lambda: (
+            a.publish(STATE, b"s") or a.publish(TREE, b"t") or a.publish(EVENT, b"e") or ear.payloads(EVENT)
+        )
+    )
+    assert {message.topic.name for message in ear.heard} <= {"state", "event"}
+
+
+def test_reliable_messages_all_arrive_once_and_in_order(network, until):
+    a, b = network.join(1), network.join(2)
+    _introduce(until, a, b)
+    sent = [b"%d" % n for n in range(500)]
+    for payload in sent:
+        a.publish(EVENT, payload)
+    ear = Ear(b)
+    until(lambda: len(ear.payloads(EVENT)) >= len(sent))
+    network.turn()
+    assert ear.payloads(EVENT) == sent
+
+
+def test_of_best_effort_topics_the_newest_few_of_each_sender_are_kept(network, until):
+    a, b, c = network.join(1), network.join(2), network.join(3)
+    _introduce(until, a, b, c)
+    seen: set[bytes] = set()
+
+    def loud_and_quiet_heard() -> bool:
+        for n in range(100):
+            a.publish(STATE, b"loud %02d" % n)
+        b.publish(STATE, b"quiet")
+        a.publish(TREE, b"tree")
+        network.turn()
+        received = c.receive()
+        for topic, sender in ((STATE, "1"), (STATE, "2"), (TREE, "1")):
+            assert sum((m.topic, m.sender) == (topic, sender) for m in received) <= KEPT_PER_SENDER
+        seen.update(message.payload for message in received)
+        return {b"loud 99", b"quiet", b"tree"} <= seen
+
+    until(loud_and_quiet_heard)
+
+
+def test_empty_and_large_payloads_arrive_whole(network, until):
+    a, b = network.join(1), network.join(2)
+    _introduce(until, a, b)
+    large = bytes(range(256)) * 400
+    a.publish(EVENT, b"")
+    a.publish(EVENT, large)
+    ear = Ear(b)
+    until(lambda: len(ear.payloads(EVENT)) >= 2)
+    assert ear.payloads(EVENT) == [b"", large]
+
+
+def test_nothing_from_before_joining_is_received(network, until):
+    a, b = network.join(1), network.join(2)
+    _introduce(until, a, b)
+    a.publish(COMMAND, b"old")
+    ear = Ear(b)
+    until(lambda: ear.payloads(COMMAND))
+    c = Ear(network.join(3))
+    until(lambda: a.publish(EVENT, b"new") or c.payloads(EVENT))
+    assert c.payloads(COMMAND) == []
+
+
+def test_who_is_there_is_known_and_who_left(network, until):
+    a, b, c = network.join(1), network.join(2), network.join("ground")
+    until(lambda: a.alive() == {"2", "ground"} and c.alive() == {"1", "2"})
+    b.close()
+    until(lambda: a.alive() == {"ground"})
+
+
+def test_a_node_that_left_refuses_to_be_used_and_closes_twice(network):
+    node = network.join(1)
+    node.close()
+    node.close()
+    with pytest.raises(TransportError, match="node 1 has left"):
+        node.publish(STATE, b"x")
+    with pytest.raises(TransportError, match="node 1 has left"):
+        node.receive()
+
+
+def test_a_node_may_come_back_under_its_name(network, until):
+    a, b = network.join(1), network.join(2)
+    _introduce(until, a, b)
+    b.close()
+    again = network.join(2)
+    _introduce(until, a, again)
+
+
+def test_two_swarms_share_ports_and_do_not_hear_each_other(free_port, eventually):
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    nodes = [
+        ZenohTransport("red", 1, (endpoint,), (), ALL),
+        ZenohTransport("blue", 2, (), (endpoint,), ALL),
+        ZenohTransport("red", 3, (), (endpoint,), ALL),
+    ]
+    try:
+        red, blue = Ear(nodes[2]), Ear(nodes[1])
+        eventually(lambda: nodes[0].publish(EVENT, b"x") or red.payloads(EVENT))
+        assert blue.payloads(EVENT) == []
+        assert nodes[1].alive() == set()
+    finally:
+        for node in nodes:
+            node.close()
