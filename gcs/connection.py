@@ -1,0 +1,92 @@
+"""How a command of the operator joins the swarm: by the ground station's file, or by a name and an endpoint."""
+
+from __future__ import annotations
+
+import dataclasses
+import pathlib
+import secrets
+from collections.abc import Sequence
+
+from flightstack.clock import WallClock
+from flightstack.config import TlsConfig
+from flightstack.topics import GROUND, TOPICS
+from flightstack.transport import Transport
+from gcs.config import AlarmLimits, GroundConfig, load
+from gcs.errors import GroundError
+from gcs.plans import load_fence
+from mission.frames import LocalFrame
+from mission.geofence import Geofence, LocalFence
+
+RECEIVED = tuple(topic for topic in TOPICS.values() if topic is not GROUND)
+"""What a ground station listens to."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Connection:
+    """Everything that a short-lived command needs to know of the swarm."""
+
+    swarm: str
+    members: tuple[int, ...]
+    connect: tuple[str, ...]
+    tls: TlsConfig | None = None
+    frame: LocalFrame | None = None
+    fence: Geofence | None = None
+    alarms: AlarmLimits = dataclasses.field(default_factory=AlarmLimits)
+    speedup: float = 1.0
+    name: str = "ground"
+
+    def local_fence(self) -> LocalFence | None:
+        if self.fence is None or self.frame is None:
+            return None
+        return LocalFence(self.frame, self.fence)
+
+    def clock(self) -> WallClock:
+        return WallClock(self.speedup)
+
+    def node(self, purpose: str) -> str:
+        """A name that no other node has: several operators may watch and command at once."""
+        return f"{self.name}-{purpose}-{secrets.token_hex(3)}"
+
+    def open(self, node: str) -> Transport:
+        """Join the swarm. `TransportError` says what is wrong with the endpoints."""
+        from flightstack.transport.zenoh_transport import ZenohTransport
+
+        return ZenohTransport(self.swarm, node, (), self.connect, RECEIVED, self.tls)
+
+
+def from_options(config: pathlib.Path | None, swarm: str | None, connect: Sequence[str]) -> Connection:
+    """By `--config`, or by `--swarm` and `--connect`; `--connect` adds to a file's endpoints."""
+    if config is not None:
+        if swarm is not None:
+            raise GroundError("--swarm: give either --config or --swarm with --connect, not both")
+        return from_config(load(config), config, connect)
+    if swarm is None:
+        raise GroundError("which swarm? give --config ground.yaml, or --swarm NAME --connect tcp/HOST:PORT")
+    if not connect:
+        raise GroundError("--connect: give at least one endpoint of the swarm, as tcp/HOST:PORT")
+    return Connection(swarm, (), tuple(connect))
+
+
+def from_config(config: GroundConfig, file: pathlib.Path, connect: Sequence[str] = ()) -> Connection:
+    """The running station owns `swarm.listen`; a command connects to it there, and to all others."""
+    endpoints = (*map(reachable, config.swarm.listen), *config.swarm.connect, *connect)
+    if not endpoints:
+        raise GroundError(
+            f"{file}: swarm: no endpoint to reach the swarm at; add swarm.connect or swarm.listen"
+        )
+    return Connection(
+        config.swarm.name,
+        config.swarm.members,
+        tuple(dict.fromkeys(endpoints)),
+        config.swarm.tls,
+        LocalFrame(config.origin),
+        load_fence(config, file),
+        config.alarms,
+        config.speedup,
+        config.station,
+    )
+
+
+def reachable(endpoint: str) -> str:
+    """The endpoint to connect to where a node of this machine listens at `endpoint`."""
+    return endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:")

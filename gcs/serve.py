@@ -1,0 +1,141 @@
+"""The running ground station: the shell that gives `gcs.station.Station` its clock, links, network and files."""
+
+from __future__ import annotations
+
+import datetime
+import logging
+import pathlib
+import signal
+from types import FrameType
+
+from flightstack.clock import WallClock
+from flightstack.link import ByteLink, open_link
+from flightstack.recording import FlightRecorder, TlogWriter
+from flightstack.transport.zenoh_transport import ZenohTransport
+from flightstack.wire import Severity
+from gcs.config import GroundConfig
+from gcs.connection import RECEIVED
+from gcs.plans import load_fence
+from gcs.station import Station, StationOutputs
+
+log = logging.getLogger("gcs")
+
+LEVELS = {Severity.INFO: logging.INFO, Severity.WARNING: logging.WARNING, Severity.CRITICAL: logging.ERROR}
+
+
+class Stop:
+    """SIGINT and SIGTERM, remembered until the tick is done."""
+
+    def __init__(self) -> None:
+        self.asked = False
+
+    def install(self) -> None:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._on_signal)
+
+    def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
+        self.asked = True
+
+
+class Recordings:
+    """One timeline of the swarm, and one MAVLink log a vehicle, opened when the vehicle is first heard."""
+
+    def __init__(self, directory: pathlib.Path, stamp: str) -> None:
+        self._directory = directory
+        self._stamp = stamp
+        self.timeline = FlightRecorder(directory / f"swarm-{stamp}.mcap")
+        self._logs: dict[int, TlogWriter] = {}
+
+    def write(self, now_s: float, outputs: StationOutputs) -> None:
+        for entry in outputs.timeline:
+            self.timeline.record(entry.topic, now_s, entry.message)
+        for frame in outputs.frames:
+            tlog = self._logs.get(frame.system)
+            if tlog is None:
+                path = self._directory / f"vehicle-{frame.system}-{self._stamp}.tlog"
+                tlog = self._logs[frame.system] = TlogWriter(path)
+            tlog.write(now_s, frame.data)
+
+    def close(self) -> None:
+        self.timeline.close()
+        for tlog in self._logs.values():
+            tlog.close()
+
+
+def serve(config: GroundConfig, file: pathlib.Path) -> int:
+    """Run until a signal; returns the exit code. What cannot be opened raises with one clear line."""
+    stop = Stop()
+    stop.install()
+    clock = WallClock(config.speedup)
+    station = Station(config, load_fence(config, file), clock.now_s())
+    directory = pathlib.Path(config.record_to)
+    directory.mkdir(parents=True, exist_ok=True)
+    links: list[ByteLink] = []
+    try:
+        for text in config.mavlink.links:
+            links.append(open_link(text))  # noqa: PERF401 (those already open are closed when one fails)
+        transport = ZenohTransport(
+            config.swarm.name,
+            config.station,
+            config.swarm.listen,
+            config.swarm.connect,
+            RECEIVED,
+            config.swarm.tls,
+        )
+    except BaseException:
+        for link in links:
+            link.close()
+        raise
+    stamp = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
+    recordings = Recordings(directory, stamp)
+    recordings.timeline.record("/config", clock.now_s(), config)
+    log.info(
+        "ground station %s of swarm %s ready: %d MAVLink links, recording to %s",
+        config.station,
+        config.swarm.name,
+        len(links),
+        directory,
+    )
+    try:
+        _loop(config, station, clock, transport, links, recordings, stop)
+    finally:
+        recordings.close()
+        transport.close()
+        for link in links:
+            link.close()
+    log.info("ground station %s stopped", config.station)
+    return 0
+
+
+def _loop(
+    config: GroundConfig,
+    station: Station,
+    clock: WallClock,
+    transport: ZenohTransport,
+    links: list[ByteLink],
+    recordings: Recordings,
+    stop: Stop,
+) -> None:
+    period_s = 1.0 / config.tick_hz
+    due_s = clock.now_s()
+    problems = [""] * len(links)
+    while not stop.asked:
+        clock.sleep_until(due_s)
+        received = transport.receive()
+        data = [link.read() for link in links]
+        now_s = clock.now_s()
+        outputs = station.step(now_s, received, data)
+        for topic, message in outputs.publish:
+            transport.publish(topic, topic.codec.encode(message))
+        for link, written in zip(links, outputs.writes, strict=True):
+            if written:
+                link.write(written)
+        recordings.write(now_s, outputs)
+        for severity, line in outputs.log:
+            log.log(LEVELS[severity], "%s", line)
+        for index, link in enumerate(links):
+            if link.problem != problems[index]:
+                problems[index] = link.problem
+                log.warning("%s: %s", link.describe, link.problem or "works again")
+        # Ticks that are past are not made up: after a stall the station goes on with the present.
+        due_s = max(due_s + period_s, clock.now_s() - period_s)
