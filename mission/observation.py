@@ -64,8 +64,8 @@ class Order(msgspec.Struct, frozen=True, array_like=True):
     """Rotation of the whole formation about the anchor, from north towards east."""
     source_ned_m: Vector3 | None = None
     """The estimated source, when the stage is FOUND."""
-    search_index: int = -1
-    """Number of the search point that was ordered last, -1 before the first: a new root goes on from here."""
+    search_radius_m: float = -1.0
+    """How far out the search has got, negative before its first point: a new root goes on from here."""
     search_start_ned_m: Vector3 | None = None
     """Where the search began; None before it did."""
     best: Reading | None = None

@@ -33,13 +33,15 @@ from mission.observation import Decision, GoTo, Hold, Observation, Order, Readin
 from mission.search.arrival import Arrival
 from mission.search.gradient import plane_gradient, waypoint_uphill
 from mission.search.source import estimate_source
-from mission.search.spiral import arm_spacing_m, spiral_point
+from mission.search.spiral import arm_spacing_m, spiral_index, spiral_point
 
 Positive = Annotated[float, Meta(gt=0.0)]
 NotNegative = Annotated[float, Meta(ge=0.0)]
 
 _SAME_PLACE_M = 0.5
 """An anchor this near to a point is at that point."""
+_SAME_INDEX = 1e-6
+"""Rounding of a spiral point's number that was found again from its radius."""
 _MEMORY = 400
 """How many readings a drone remembers for the estimate of the source."""
 
@@ -189,23 +191,29 @@ class Locus:
         return self._next_search(order, start, drones)
 
     def _next_search(self, order: Order, start: Vector3, drones: int) -> Order:
-        """The next point of the spiral; the same one again if a heal stopped the swarm before it was reached."""
+        """The next point of the spiral; the same one again if a heal stopped the swarm before it was reached.
+
+        Only the radius is carried on: a swarm that has become smaller flies narrower arms from there on.
+        """
         arms_m = arm_spacing_m(self._layout.full_levels(drones), self._layout.spacing_m)
 
         def point(index: int) -> Vector3:
             north_m, east_m = spiral_point(index, arms_m, even=True)
             return start[0] + north_m, start[1] + east_m, order.anchor_ned_m[2]
 
-        index = order.search_index
-        if index < 0 or order.stage is not Stage.SEARCH or self._is_at(order, point(index)):
-            index += 1
+        index = 0
+        if order.search_radius_m >= 0.0:
+            index = math.ceil(spiral_index(order.search_radius_m, arms_m, even=True) - _SAME_INDEX)
+            if order.stage is not Stage.SEARCH or self._is_at(order, point(index)):
+                index += 1
         anchor = point(index)
-        outside = math.dist(anchor[:2], start[:2]) > self._p.search_radius_m
+        radius_m = math.dist(anchor[:2], start[:2])
+        outside = radius_m > self._p.search_radius_m
         return msgspec.structs.replace(
             order,
             stage=Stage.GIVE_UP if outside else Stage.SEARCH,
             anchor_ned_m=order.anchor_ned_m if outside else anchor,
-            search_index=index,
+            search_radius_m=radius_m,
             best=None,
             waypoints_since_best=0,
         )

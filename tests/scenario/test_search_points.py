@@ -213,7 +213,7 @@ def test_a_new_root_goes_on_where_the_lost_one_was(seed: int) -> None:
     assert before.stage is Stage.SEARCH
     swarm.lose(1)
     swarm.run(100.0)
-    assert swarm.order.search_index > before.search_index
+    assert swarm.order.search_radius_m > before.search_radius_m
     assert swarm.order.search_start_ned_m == before.search_start_ned_m
     swarm.run_until(Stage.TRACK)
     root = next(drone for drone, slot in swarm.slots.items() if slot == 0)
@@ -249,7 +249,7 @@ def test_a_drone_that_is_held_back_does_not_stop_the_swarm() -> None:
     held = swarm.points[2]
     held.fly = lambda target: held.velocity.fill(0.0)  # type: ignore[method-assign]
     swarm.run(60.0)
-    assert swarm.order.search_index > 2
+    assert swarm.order.search_radius_m > 1.0
 
 
 def test_an_empty_area_is_given_up() -> None:

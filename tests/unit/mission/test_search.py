@@ -25,7 +25,7 @@ from mission.search.mobs import (
     mobs_next,
 )
 from mission.search.source import estimate_source
-from mission.search.spiral import arm_spacing_m, spiral_point
+from mission.search.spiral import arm_spacing_m, spiral_index, spiral_point
 
 
 def test_the_spiral_is_the_papers() -> None:
@@ -44,6 +44,13 @@ def test_even_spiral_points_never_stand_farther_apart_than_the_arms() -> None:
     assert max(legs) < 20.7
     assert legs[-1] == pytest.approx(20.0, rel=0.01)
     assert points[:100] == [spiral_point(index, 20.0, even=False) for index in range(100)]
+
+
+@pytest.mark.parametrize("even", [False, True])
+def test_a_points_number_is_found_again_from_its_radius(even: bool) -> None:
+    for index in (0, 1, 30, 143, 144, 500):
+        radius_m = math.hypot(*spiral_point(index, 20.0, even))
+        assert spiral_index(radius_m, 20.0, even) == pytest.approx(index, abs=1e-9)
 
 
 finite = st.floats(-50.0, 50.0)
