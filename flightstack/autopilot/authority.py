@@ -48,7 +48,9 @@ class Authority:
         self._critical = False
         self._critical_since_s: float | None = None
         self._text: tuple[float, str] | None = None
+        self._change = ""
         self._changed_s: float | None = None
+        """When the newest change came, while no text has explained it."""
         self._expected: dict[int, float] = {}
 
     @property
@@ -84,10 +86,8 @@ class Authority:
             return
         self._text = (now_s, text)
         self.failsafe_reason = text
-        late = self._changed_s is not None and now_s - self._changed_s <= EVIDENCE_S
-        if late and self.taken_by is TakenBy.PILOT:
-            self.taken_by = TakenBy.AUTOPILOT
-            self.taken_reason += f" ({text})"
+        if self._changed_s is not None and now_s - self._changed_s <= EVIDENCE_S:
+            self.taken_by, self.taken_reason = TakenBy.AUTOPILOT, f"{self._change} ({text})"
             self._text = self._changed_s = None
 
     def _mode_changed(self, now_s: float, old: int, new: int) -> None:
@@ -96,14 +96,17 @@ class Authority:
             return
         self._changed_s = now_s
         self.takeovers += 1
-        change = f"mode changed from {mode_name(self._flavour, old)} to {mode_name(self._flavour, new)}"
-        said = self._text is not None and now_s - self._text[0] <= EVIDENCE_S
+        self._change = f"mode changed from {mode_name(self._flavour, old)} to {mode_name(self._flavour, new)}"
         turned = self._critical_since_s is not None and now_s - self._critical_since_s <= EVIDENCE_S
-        if said and self._text is not None:
-            self.taken_by, self.taken_reason = TakenBy.AUTOPILOT, f"{change} ({self._text[1]})"
+        if self._text is not None and now_s - self._text[0] <= EVIDENCE_S:
+            self.taken_by, self.taken_reason = TakenBy.AUTOPILOT, f"{self._change} ({self._text[1]})"
+            self._changed_s = None
         elif turned:
-            self.taken_by, self.taken_reason = TakenBy.AUTOPILOT, f"{change} (its state became critical)"
+            self.taken_by, self.taken_reason = (
+                TakenBy.AUTOPILOT,
+                f"{self._change} (its state became critical)",
+            )
         else:
-            self.taken_by, self.taken_reason = TakenBy.PILOT, change
+            self.taken_by, self.taken_reason = TakenBy.PILOT, self._change
         # Evidence explains one change only: what the pilot does after the failsafe is the pilot's doing.
         self._text = self._critical_since_s = None

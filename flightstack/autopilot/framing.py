@@ -3,8 +3,6 @@
 An autopilot's link may carry hundreds of messages a second of which the agent needs a few dozen. Frames of other
 kinds are stepped over by their header; only wanted ones are checked and decoded (by pymavlink), which keeps a
 tick cheap on a small computer.
-
-Frames that come late or twice are dropped by their sequence number: an old heartbeat would look like a new mode.
 """
 
 from __future__ import annotations
@@ -14,6 +12,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from flightstack.autopilot.sequence import SequenceFilter
+
 V1_MAGIC = 0xFE
 V2_MAGIC = 0xFD
 V1_OVERHEAD = 8
@@ -22,20 +22,20 @@ V2_OVERHEAD = 12
 SIGNATURE_LENGTH = 13
 SIGNED = 0x01
 """The only incompatibility flag there is; a frame with another one must not be interpreted."""
-REORDERED_FRAMES = 64
-"""A sequence number at most this far behind the newest …"""
-REORDERED_S = 1.0
-"""… and not later than this after it is a late or repeated frame, not a link that lost nearly 256."""
 
 
 class FrameReader:
-    """Decodes the messages of one `system` whose id is in `wanted`, and any system's `heartbeat`s."""
+    """Decodes the messages of one `system` whose id is in `states` or `events`, and any system's heartbeats.
 
-    def __init__(self, system: int, wanted: AbstractSet[int]) -> None:
+    Of a state only newer messages come out; of events every one, once (`sequence`).
+    """
+
+    def __init__(self, system: int, states: AbstractSet[int], events: AbstractSet[int]) -> None:
         self._system = system
-        self._wanted = frozenset(wanted)
-        self._newest: dict[int, tuple[int, float]] = {}
-        """By component of our system: the newest sequence number and when it came."""
+        self._wanted = frozenset(states | events)
+        self._events = frozenset(events)
+        self._senders: dict[int, SequenceFilter] = {}
+        """By component of our system."""
         self._buffer = bytearray()
         self._decoder = mavlink.MAVLink(None)
         self.decoded = 0
@@ -69,7 +69,7 @@ class FrameReader:
                 continue
             if left < length:
                 break
-            sequence, system, component = self._sender(start, is_v2)
+            sequence, system, component = self._identity(start, is_v2)
             ours = system == self._system
             if kind not in self._wanted or not (ours or kind == mavlink.MAVLINK_MSG_ID_HEARTBEAT):
                 if not self._is_frame(start, length, end):
@@ -77,13 +77,13 @@ class FrameReader:
                     continue
                 self.skipped += 1
                 if ours:
-                    self._is_late(now_s, component, sequence)
+                    self._sender(component).count(now_s, sequence)
             else:
                 message = self._decode(start, length)
                 if message is None:
                     start += 1
                     continue
-                if ours and self._is_late(now_s, component, sequence):
+                if ours and not self._counts(now_s, component, sequence, kind):
                     self.late_frames += 1
                 else:
                     self.decoded += 1
@@ -110,19 +110,20 @@ class FrameReader:
         kind = buffer[start + 7] | buffer[start + 8] << 8 | buffer[start + 9] << 16
         return buffer[start + 1] + V2_OVERHEAD + signature, kind
 
-    def _sender(self, start: int, is_v2: bool) -> tuple[int, int, int]:
+    def _identity(self, start: int, is_v2: bool) -> tuple[int, int, int]:
         """(sequence number, system, component)."""
         at = start + (4 if is_v2 else 2)
         return self._buffer[at], self._buffer[at + 1], self._buffer[at + 2]
 
-    def _is_late(self, now_s: float, component: int, sequence: int) -> bool:
-        newest = self._newest.get(component)
-        if newest is not None:
-            behind = (newest[0] - sequence) % 256
-            if behind < REORDERED_FRAMES and now_s - newest[1] < REORDERED_S:
-                return True
-        self._newest[component] = (sequence, now_s)
-        return False
+    def _sender(self, component: int) -> SequenceFilter:
+        sender = self._senders.get(component)
+        if sender is None:
+            sender = self._senders[component] = SequenceFilter(self._events)
+        return sender
+
+    def _counts(self, now_s: float, component: int, sequence: int, kind: int) -> bool:
+        sender = self._sender(component)
+        return sender.is_new(sender.count(now_s, sequence), kind)
 
     def _is_frame(self, start: int, length: int, end: int) -> bool:
         """Whether the unwanted frame at `start` is one: a false start could swallow a real frame.

@@ -47,9 +47,8 @@ PROBLEM_S = 2.0
 """How long `problem` tells of a failure."""
 RESULTS_KEPT = 32
 
-_ANSWERS = frozenset(
+EVENTS = frozenset(
     (
-        mavlink.MAVLINK_MSG_ID_HEARTBEAT,
         mavlink.MAVLINK_MSG_ID_COMMAND_ACK,
         mavlink.MAVLINK_MSG_ID_PARAM_VALUE,
         mavlink.MAVLINK_MSG_ID_PARAM_ERROR,
@@ -57,8 +56,8 @@ _ANSWERS = frozenset(
         mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT,
     )
 )
-WANTED = _ANSWERS.union(*RATES_HZ.values())
-"""The only messages that are decoded."""
+STATES = frozenset((mavlink.MAVLINK_MSG_ID_HEARTBEAT,)).union(*RATES_HZ.values())
+"""With EVENTS the only messages that are decoded."""
 
 
 class AutopilotSession:
@@ -70,7 +69,7 @@ class AutopilotSession:
         configured = Flavour.UNKNOWN if config.flavour == "auto" else Flavour(config.flavour)
         self._vehicle = Telemetry(system, frame, configured)
         self._streams = StreamRequests()
-        self._reader = FrameReader(system, WANTED)
+        self._reader = FrameReader(system, STATES, EVENTS)
         self._encoder = mavlink.MAVLink(None, srcSystem=system, srcComponent=COMPONENT)
         self._now_s = -math.inf
         self._next_heartbeat_s = -math.inf

@@ -72,7 +72,7 @@ class Takeoff(Request):
         elif self._step is TakeoffStep.REASONS:
             # ArduCopter refuses a repeated take-off while it carries out the first one.
             if vehicle.has_flown:
-                self._begin_climb(now_s)
+                self._begin_climb(now_s, vehicle, position_ned_m)
             elif now_s >= self._until_s and self._command is not None:
                 self.fail(now_s, self._command.answer, self._command.reason)
         else:
@@ -85,12 +85,8 @@ class Takeoff(Request):
 
     def _lifting_off(self, now_s: float, vehicle: Telemetry, position_ned_m: Vector3) -> list[Any]:
         point_ned_m = (position_ned_m[0], position_ned_m[1], -self.above_home_m)
-        if vehicle.flavour is Flavour.PX4:
-            self.target = Position(point_ned_m)
-            self._begin_climb(now_s)
-            return []
         if vehicle.is_airborne(now_s):
-            self._begin_climb(now_s)
+            self._begin_climb(now_s, vehicle, point_ned_m)
             return []
         if vehicle.home is None:
             self.end(now_s, Outcome.REFUSED, "home is not set: its altitude is not known")
@@ -104,17 +100,22 @@ class Takeoff(Request):
                 "raise formation.above_home_m or correct origin.amsl_m",
             )
             return []
+        if vehicle.flavour is Flavour.PX4:
+            self._begin_climb(now_s, vehicle, point_ned_m)
+            return []
         if self._command is None:
             unset = (0.0,) * 6
             self._command = CommandExchange(mavlink.MAV_CMD_NAV_TAKEOFF, (*unset, climb_m))
         sent = self._command.step(now_s, vehicle)
         if self._command.answer is Answer.ACCEPTED:
-            self._begin_climb(now_s)
+            self._begin_climb(now_s, vehicle, point_ned_m)
         elif self._command.answer is not Answer.PENDING:
             self._step, self._until_s = TakeoffStep.REASONS, now_s + TEXTS_AFTER_S
         return sent
 
-    def _begin_climb(self, now_s: float) -> None:
+    def _begin_climb(self, now_s: float, vehicle: Telemetry, point_ned_m: Vector3) -> None:
+        if vehicle.flavour is Flavour.PX4:
+            self.target = Position(point_ned_m)
         self._step = TakeoffStep.CLIMB
         self._best_s = now_s
 
