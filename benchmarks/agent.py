@@ -42,7 +42,7 @@ PROBE = """
 import json, resource, sys, time
 began = time.perf_counter()
 from flightstack.agent import Agent
-from flightstack.config import load
+from flightstack.config_file import load
 import flightstack.runner
 imported = time.perf_counter() - began
 agent = Agent(load(sys.argv[1]), incarnation=1)

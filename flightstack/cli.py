@@ -21,7 +21,7 @@ ConfigOption = Annotated[pathlib.Path, typer.Option("--config", help="The drone'
 @app.command()
 def run(config: ConfigOption) -> None:
     """Fly: connect to the autopilot, the instruments and the swarm, and wait for the ground's start."""
-    from flightstack.config import load
+    from flightstack.config_file import load
     from flightstack.runner import run as run_agent
 
     logging.basicConfig(
@@ -34,7 +34,7 @@ def run(config: ConfigOption) -> None:
 def check(config: ConfigOption) -> None:
     """Read a drone's file and say whether it can be flown, without opening anything."""
     from flightstack.agent import Agent
-    from flightstack.config import load
+    from flightstack.config_file import load
 
     agent = Agent(load(config), incarnation=0)
     typer.echo(f"{config}: good: drone {agent.config.drone} of {len(agent.config.swarm.members)}")

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import pathlib
 from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta
 
-from mission.documents import DocumentError, parse
 from mission.frames import Geodetic
 from mission.geofence import Geofence
 
@@ -126,24 +124,3 @@ class DroneConfig(Section, frozen=True, kw_only=True):
     speedup: Positive = 1.0
     """1 in real flights. Simulated flights may run faster; all processes must be given the same."""
     tick_hz: Positive = 10.0
-
-
-def load(path: str | pathlib.Path) -> DroneConfig:
-    """Read and check a drone's file. `DocumentError` says in one line what is wrong and how to mend it."""
-    file = str(path)
-    try:
-        text = pathlib.Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise DocumentError(file, f"cannot be read: {error}") from error
-    config = parse(text, DroneConfig, file)
-    if config.drone not in config.swarm.members:
-        raise DocumentError(
-            file, f"drone {config.drone} is not in swarm.members {list(config.swarm.members)}", field="drone"
-        )
-    if len(set(config.swarm.members)) != len(config.swarm.members):
-        raise DocumentError(
-            file, "a drone's id stands twice; every drone needs its own", field="swarm.members"
-        )
-    if config.limits.floor_above_home_m >= config.limits.ceiling_above_home_m:
-        raise DocumentError(file, "the floor is not below the ceiling", field="limits.floor_above_home_m")
-    return config
