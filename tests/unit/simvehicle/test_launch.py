@@ -8,7 +8,7 @@ import socket
 
 import pytest
 
-from flightstack.config import load as load_drone
+from flightstack.config_file import load as load_drone
 from gcs.config import load as load_ground
 from mission.documents import DocumentError, parse
 from simvehicle import launch
