@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import matplotlib
 import numpy as np
@@ -52,6 +52,10 @@ _PHASE_FILLS: dict[Phase, str] = {
 """Phases on the ground stay white."""
 
 
+MARGIN = 0.09
+"""Room around what a map shows, in parts of its width."""
+
+
 def colour(index: int) -> str:
     return _COLOURS[index % len(_COLOURS)]
 
@@ -76,11 +80,16 @@ def survey_map(
     fence: BaseGeometry | None,
     wind_ned_mps: Vector3,
     log: Log,
+    *,
+    whole_fence: bool,
 ) -> Figure:
-    """North up, east right, metres from the origin: everything that has a place."""
+    """North up, east right, metres from the origin: everything that has a place.
+
+    `whole_fence` shows all of the geofence, otherwise the drawing is as near as the flight allows.
+    """
     figure = Figure(figsize=(WIDTH_IN, WIDTH_IN * 1.05), layout="constrained")
     axes = figure.add_subplot()
-    west, east, south, north = _extent(tracks, homes, plume.source_ned_m, fence)
+    west, east, south, north = extent(tracks, homes, plume.source_ned_m, fence if whole_fence else None)
     axes.set_xlim(west, east)
     axes.set_ylim(south, north)
     axes.set_aspect("equal")
@@ -97,8 +106,16 @@ def survey_map(
         )
     for index, (drone, (north_m, east_m)) in enumerate(homes.items()):
         known = list(tracks).index(drone) if drone in tracks else index
-        axes.plot(east_m, north_m, "s", color=colour(known), markersize=5, zorder=5)
-        axes.annotate(str(drone), (east_m, north_m), xytext=(0, -11), textcoords="offset points", ha="center")
+        axes.plot(east_m, north_m, "s", color=colour(known), markersize=5, markeredgecolor="black", zorder=5)
+        if not whole_fence:
+            axes.annotate(
+                str(drone),
+                (east_m, north_m),
+                xytext=(5, -9),
+                textcoords="offset points",
+                fontsize=8,
+                zorder=5,
+            )
     _finds(axes, plume.source_ned_m, log)
     _scale_and_arrows(axes, wind_ned_mps)
     axes.legend(
@@ -107,30 +124,30 @@ def survey_map(
     return figure
 
 
-def _extent(
+Extent: TypeAlias = tuple[float, float, float, float]
+"""(west, east, south, north), metres."""
+
+
+def extent(
     tracks: Mapping[int, Track],
     homes: Mapping[int, tuple[float, float]],
     source_ned_m: Vector3,
     fence: BaseGeometry | None,
-) -> tuple[float, float, float, float]:
-    """(west, east, south, north) that holds the flight, the homes, the source, and the fence if it is not far off."""
+) -> Extent:
+    """The square that holds the flight, the homes, the source, and the fence if it is given."""
     points = [*homes.values()]
     for track in tracks.values():
         low, high = track.position_ned_m[:, :2].min(axis=0), track.position_ned_m[:, :2].max(axis=0)
         points += [(float(low[0]), float(low[1])), (float(high[0]), float(high[1]))]
     if math.isfinite(source_ned_m[0]):
         points.append(source_ned_m[:2])
-    size_m = max(max(p[i] for p in points) - min(p[i] for p in points) for i in (0, 1))
     if fence is not None:
-        south, west, north, east = fence.bounds
-        if max(north - south, east - west) < 5.0 * max(size_m, 50.0):
-            points += [(south, west), (north, east)]
+        south_m, west_m, north_m, east_m = fence.bounds
+        points += [(south_m, west_m), (north_m, east_m)]
     south, north = min(p[0] for p in points), max(p[0] for p in points)
     west, east = min(p[1] for p in points), max(p[1] for p in points)
-    size_m = max(north - south, east - west, 40.0)
-    margin_m = 0.07 * size_m
+    half_m = max(north - south, east - west, 40.0) * (0.5 + MARGIN)
     middle_n, middle_e = (north + south) / 2.0, (west + east) / 2.0
-    half_m = size_m / 2.0 + margin_m
     return middle_e - half_m, middle_e + half_m, middle_n - half_m, middle_n + half_m
 
 
@@ -242,7 +259,7 @@ def over_time(
     )
     altitude.set_ylabel("above home, m")
     altitude.set_ylim(bottom=0.0)
-    _phases(phases, list(tracks), log, _end_s(tracks))
+    _phases(phases, list(tracks), log, _end_s(tracks), kills)
     marks = [(log.first(Stage.TRACK), "contact"), (log.first(Stage.FOUND), "found")]
     lines = [(mark.time_s, text) for mark, text in marks if mark is not None]
     lines += [(at_s, f"kill {drone}") for drone, at_s in kills.items()]
@@ -261,13 +278,13 @@ def _end_s(tracks: Mapping[int, Track]) -> float:
     return max((float(track.time_s[-1]) for track in tracks.values()), default=0.0)
 
 
-def _phases(axes: Axes, drones: Sequence[int], log: Log, end_s: float) -> None:
-    """One bar a drone, coloured by phase, from the drones' own messages."""
+def _phases(axes: Axes, drones: Sequence[int], log: Log, end_s: float, kills: Mapping[int, float]) -> None:
+    """One bar a drone, coloured by phase, from the drones' own messages; it ends with a killed agent."""
     used: set[Phase] = set()
     for row, drone in enumerate(drones):
         own = [mark for mark in log.phases if mark.drone == drone]
         for mark, following in zip(own, [*own[1:], None], strict=True):
-            until_s = following.time_s if following is not None else end_s
+            until_s = min(following.time_s if following else end_s, kills.get(drone, math.inf))
             fill = _PHASE_FILLS.get(mark.phase)
             if fill is None or until_s <= 0.0:
                 continue
@@ -298,7 +315,13 @@ def swarm_trees(trees: Sequence[TreeMark], layout: Layout, order: Sequence[int])
     for axes in panels[len(trees) :]:
         axes.set_axis_off()
     before: dict[int, int] = {}
+    places = [
+        layout.offset_m(slot) for slot in range(max(s for mark in trees for s in mark.slots.values()) + 1)
+    ]
+    reach_m = max(max(abs(n), abs(e)) for n, e in places) + 0.5 * layout.spacing_m
     for axes, mark in zip(panels, trees, strict=False):
+        axes.set_xlim(-reach_m, reach_m)
+        axes.set_ylim(-reach_m, reach_m)
         _tree(axes, mark, layout, order)
         gone, moved = (
             sorted(set(before) - set(mark.slots)),
@@ -333,5 +356,4 @@ def _tree(axes: Axes, mark: TreeMark, layout: Layout, order: Sequence[int]) -> N
         north_m, east_m = layout.offset_m(slot)
         axes.plot(east_m, north_m, "o", markerfacecolor="white", markeredgecolor="#999999", markersize=16)
     axes.set_aspect("equal")
-    axes.margins(0.3)
     axes.set_axis_off()

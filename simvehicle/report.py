@@ -46,11 +46,12 @@ figcaption { font-size: .9rem; color: #444; }
 .numbers { display: grid; grid-template-columns: repeat(auto-fit, minmax(9.5rem, 1fr)); gap: .5rem; margin: 1rem 0; }
 .numbers div { border: 1px solid #ccc; border-radius: .3rem; padding: .4rem .6rem; break-inside: avoid; }
 .numbers b { display: block; font-size: 1.2rem; }
+.numbers div.off { border: 2px solid #b00020; background: #fff1f1; }
 .numbers span { font-size: .85rem; color: #444; }
 .wide { overflow-x: auto; }
 table { border-collapse: collapse; font-size: .9rem; }
 th, td { text-align: left; vertical-align: top; padding: .2rem .7rem .2rem 0; border-bottom: 1px solid #ddd; }
-td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; }
+td.n, th.n { text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums; }
 tr.warning td { background: #fff6e0; }
 tr.critical td { background: #ffe8e8; }
 @media print { body { font-size: 11px; } .figures { grid-template-columns: 1fr 1fr; } .wide { overflow: visible; } }
@@ -110,25 +111,33 @@ def _numbers(summary: Summary) -> str:
     def time(value: float | None) -> str:
         return "–" if value is None else duration(value)
 
+    near_m = summary.min_separation_m
     cells = [
-        (time(summary.time_to_contact_s), "to first contact"),
-        (time(summary.time_to_source_s), "to the source"),
-        (number(summary.source_error_m, "m"), "error of the estimate"),
-        (f"{summary.alive} of {summary.drones}", "drones alive"),
+        (time(summary.time_to_contact_s), "to first contact", False),
+        (time(summary.time_to_source_s), "to the source", False),
+        (number(summary.source_error_m, "m"), "error of the estimate", False),
+        (f"{summary.alive} of {summary.drones}", "drones alive", summary.alive < summary.drones),
         (
-            number(summary.min_separation_m, "m"),
-            f"smallest separation (at least {summary.configured_separation_m:g} m wanted)",
+            number(near_m, "m"),
+            f"smallest separation; {summary.configured_separation_m:g} m is the least allowed",
+            near_m is not None and near_m < summary.configured_separation_m,
         ),
-        (str(summary.fence_breaches), "fence breaches"),
-        (str(summary.heals), "heals of the tree"),
-        (f"{summary.missed_deadline_fraction:.2%}", "agent deadlines missed"),
+        (str(summary.fence_breaches), "fence breaches", summary.fence_breaches > 0),
+        (str(summary.heals), "heals of the tree", False),
+        (
+            f"{summary.missed_deadline_fraction:.2%}",
+            "agent deadlines missed",
+            summary.missed_deadline_fraction > 0.01,
+        ),
         (
             duration(summary.simulated_s),
             f"simulated, in {duration(summary.wall_s)} at {summary.speedup:g} times",
+            False,
         ),
     ]
     boxes = "".join(
-        f"<div><b>{html.escape(value)}</b><span>{html.escape(name)}</span></div>" for value, name in cells
+        f"<div{' class=off' if off else ''}><b>{html.escape(value)}</b><span>{html.escape(name)}</span></div>"
+        for value, name, off in cells
     )
     return f'<div class="numbers">{boxes}</div>'
 
@@ -140,15 +149,22 @@ def _figures(survey: Survey, summary: Summary, tracks: Mapping[int, Track], log:
     fence = LocalFence(LocalFrame(config.origin), survey.geofence).area if survey.geofence else None
     homes = {d.id: (d.home_north_m, d.home_east_m) for d in survey.drones}
     height_m = config.formation.above_home_m
-    drawn = figures.drawing(
-        lambda: figures.survey_map(tracks, homes, plume, height_m, fence, wind.mean_ned_mps, log)
-    )
+
+    def drawn_map(*, whole_fence: bool) -> str:
+        return figures.drawing(
+            lambda: figures.survey_map(
+                tracks, homes, plume, height_m, fence, wind.mean_ned_mps, log, whole_fence=whole_fence
+            )
+        )
+
     yield _figure(
-        drawn,
+        drawn_map(whole_fence=False),
         "Map of the survey",
         f"The plume {height_m:g} m above home (CO2 over the background), the drones' true tracks, "
         "their homes (squares), and what the swarm made of it.",
     )
+    if fence is not None:
+        yield _figure(drawn_map(whole_fence=True), "The survey in its geofence", "The same, further away.")
     if tracks:
         drawn = figures.drawing(
             lambda: figures.over_time(tracks, log, config.background_co2_ppm, summary.kills)

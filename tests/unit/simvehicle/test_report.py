@@ -136,7 +136,7 @@ def test_a_whole_flight(survey: Survey, tmp_path: pathlib.Path) -> None:
     report.write(survey, summarised(survey, tracks, log), tracks, log, tmp_path)
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     page = Page(text)
-    assert page.tags.count("img") == 3
+    assert page.tags.count("img") == 4
     for words in (
         "Source found", "1.8 m from where it truly is", "4 of 5", "5 min 50 s", "Vehicles that lost their agent",
         "then RTL", "epoch 1: 1 in 0, 2 in 1 <&>", "out/crater-rim-20260504-030201",
@@ -161,7 +161,7 @@ def test_an_aborted_flight(survey: Survey) -> None:
     )
     page = Page(report.page(survey, got, tracks, log))
     assert "Aborted" in page.text
-    assert page.tags.count("img") == 3
+    assert page.tags.count("img") == 4
 
 
 def test_a_survey_that_never_flew(survey: Survey) -> None:
@@ -171,7 +171,7 @@ def test_a_survey_that_never_flew(survey: Survey) -> None:
     )
     page = Page(report.page(survey, got, {}, Log()))
     assert "a port is in use" in page.text
-    assert page.tags.count("img") == 1, "the map without tracks"
+    assert page.tags.count("img") == 2, "the maps without tracks"
 
 
 def test_without_plume_or_fence(survey: Survey) -> None:
