@@ -87,6 +87,8 @@ class Request:
     kind: RequestKind
     needs_vehicle = False
     """Ends when somebody takes the vehicle, and lapses when it is not asked for any more."""
+    needs_answers = True
+    """Waits while nothing is heard of the autopilot."""
 
     def __init__(self, now_s: float, vehicle: Telemetry) -> None:
         self.started_s = now_s
@@ -109,7 +111,9 @@ class Request:
         """Go on; returns the messages to send now."""
         if self.result is not None:
             return []
-        if not vehicle.is_connected(now_s) or vehicle.flavour is Flavour.UNKNOWN:
+        # Landing and returning go out blind when only the way back is dead; nothing else does.
+        blind = not vehicle.is_connected(now_s) and self.needs_answers
+        if blind or vehicle.flavour is Flavour.UNKNOWN:
             if now_s - self.started_s > self._patience_s():
                 self.end(now_s, Outcome.NO_ANSWER, vehicle.unready_reason(now_s))
             return []
@@ -196,6 +200,7 @@ class ModeRequest(Request):
     def __init__(self, now_s: float, vehicle: Telemetry, kind: RequestKind, duty: Duty) -> None:
         super().__init__(now_s, vehicle)
         self.kind = kind
+        self.needs_answers = False
         self._mode = ModeExchange(duty)
 
     def _go_on(self, now_s: float, vehicle: Telemetry) -> list[Any]:

@@ -304,7 +304,9 @@ class Telemetry:
     def _prearm_missing(self) -> str:
         if mavlink.MAVLINK_MSG_ID_SYS_STATUS not in self.received_s:
             return "no system status yet (SYS_STATUS)"
-        if self.prearm is False:
+        # PX4's verdict is about the mode that it happens to be in (a manual one fails without a remote control):
+        # there the attempt to arm tells.
+        if self.prearm is False and self.flavour is Flavour.ARDUPILOT:
             return "; ".join(self.prearm_texts) or "the autopilot's pre-arm checks fail"
         return ""
 

@@ -458,6 +458,15 @@ def test_an_unanswered_command_is_repeated_with_a_confirmation_and_then_named():
     assert world.until(RequestKind.LAND, world.session.land).outcome is Outcome.SUCCEEDED
 
 
+def test_a_return_is_asked_for_also_when_nothing_is_heard_any_more():
+    world = World("ardupilot", ready_s=0.0).fly()
+    world.down.loss = 1.0
+    world.run(8.0)
+    assert not world.report.connected
+    assert world.until(RequestKind.RETURN, world.session.rtl).outcome is Outcome.NO_ANSWER
+    assert world.autopilot.mode == RTL
+
+
 @pytest.mark.parametrize("flavour", FLAVOURS)
 def test_requests_that_repeat_do_not_pile_up(flavour):
     world = World(flavour, ready_s=0.0).fly()
