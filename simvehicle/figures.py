@@ -23,7 +23,7 @@ from simvehicle.plumes import AnyPlume
 from simvehicle.truth import Track
 from simvehicle.watch import Log, TreeMark
 
-WIDTH_IN = 5.6
+WIDTH_IN = 5.0
 """At this width 9-point text is still about 8 points high on a phone held upright."""
 _STYLE: dict[Any, Any] = {
     "font.size": 9.0,

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
 import msgspec
+import numpy as np
 from msgspec import Meta
 
 from flightstack.config import DroneId, FormationConfig, LimitsConfig, Positive, Section, StrategyConfig
@@ -17,7 +18,10 @@ from mission.documents import DocumentError, line_of, parse
 from mission.formation import make_layout
 from mission.frames import Geodetic, LocalFrame
 from mission.geofence import Circle, Geofence, LocalFence, Vertex
+from sensors.errors import SensorError
+from sensors.instruments import make_instrument
 from simvehicle.config import FaultSpec, GaussianPlume, LocusGridPlume, WindConfig
+from simvehicle.instruments import make_emulator
 
 Flavour = Literal["ardupilot", "px4"]
 
@@ -253,6 +257,11 @@ class _Checks:
                         f"{field}[{place}].name", f"two instruments of one drone are called {instrument.name}"
                     )
                 names.add(instrument.name)
+                try:
+                    make_instrument(instrument.type, instrument.name, instrument.options)
+                    make_emulator(instrument.type, np.random.default_rng(0))
+                except SensorError as error:
+                    raise self._fail(f"{field}[{place}].type", str(error)) from error
 
     def _altitudes(self, count: int) -> None:
         formation, limits = self._config.formation, self._config.limits

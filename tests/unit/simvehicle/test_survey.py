@@ -74,6 +74,8 @@ def test_a_file_that_is_not_text(tmp_path: pathlib.Path) -> None:
             "seed: 1\nfaults: [{drone: 1, at_s: 5, kind: unplug, instrument: c02}]",
             ["faults[0].instrument", "c02"],
         ),
+        ("seed: 1", "seed: 1\ninstruments: [{name: co2, type: sba6}]", ["instruments[0].type", "sba5"]),
+        ("seed: 1", "seed: 1\ninstruments: [{name: a, type: sba5}, {name: a, type: sba5}]", ["instruments[1].name"]),
         ("launch_line:", "drones: [{id: 1}]\nlaunch_line:", ["drones", "one of them"]),
         ("geofence:", "geofence:\n  file: none.plan", ["geofence.file", "not both"]),
     ],
