@@ -1,0 +1,82 @@
+"""One MAVLink connection of a simulated autopilot: its parser, its sequence numbers, its message rates, its peers.
+
+Everything that a real autopilot keeps per serial port or UDP connection is in here, so that nothing leaks from
+one link to another.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+
+class Peer(NamedTuple):
+    """Whoever speaks to the autopilot: state is kept by all three."""
+
+    link: int
+    system: int
+    component: int
+
+
+@dataclasses.dataclass(slots=True)
+class Stream:
+    interval_s: float
+    due_s: float
+
+
+class Channel:
+    """Bytes in, messages out; messages in, bytes out. No sockets."""
+
+    def __init__(self, link: int, system: int) -> None:
+        self.link = link
+        self._codec: Any = mavlink.MAVLink(None, srcSystem=system, srcComponent=1)
+        self._codec.robust_parsing = True
+        self._out: list[bytes] = []
+        self.streams: dict[int, Stream] = {}
+        self.next_due_s = float("inf")
+        self.peers: set[tuple[int, int]] = set()
+        """(system, component) heard on this link: what is addressed to them is forwarded here."""
+
+    def parse(self, data: bytes) -> list[Any]:
+        """The whole messages that `data` completes. Damaged ones are dropped, as on the air."""
+        messages = self._codec.parse_buffer(data) or []
+        return [m for m in messages if m.get_type() != "BAD_DATA" and not m.get_type().startswith("UNKNOWN_")]
+
+    def send(self, message: Any) -> None:
+        codec = self._codec
+        self._out.append(bytes(message.pack(codec)))
+        codec.seq = (codec.seq + 1) % 256
+
+    def forward(self, message: Any) -> None:
+        """Pass on another component's message as it came."""
+        self._out.append(bytes(message.get_msgbuf()))
+
+    def drain(self) -> list[bytes]:
+        out, self._out = self._out, []
+        return out
+
+    def set_stream(self, message_id: int, interval_s: float | None, now_s: float) -> None:
+        """Send a message every `interval_s` from now on, or no more (None)."""
+        if interval_s is None:
+            self.streams.pop(message_id, None)
+        else:
+            self.streams[message_id] = Stream(interval_s, now_s + interval_s)
+        self.next_due_s = min((s.due_s for s in self.streams.values()), default=float("inf"))
+
+    def take_due(self, now_s: float) -> list[int]:
+        """Messages whose time has come; each is due again one interval later."""
+        if now_s < self.next_due_s:
+            return []
+        due: list[int] = []
+        next_due_s = float("inf")
+        for message_id, stream in self.streams.items():
+            if stream.due_s <= now_s + 1e-6:
+                due.append(message_id)
+                stream.due_s += stream.interval_s
+                if stream.due_s <= now_s:  # a gap: go on from here instead of catching up with a burst
+                    stream.due_s = now_s + stream.interval_s
+            next_due_s = min(next_due_s, stream.due_s)
+        self.next_due_s = next_due_s
+        return due

@@ -1,0 +1,454 @@
+"""A simulated autopilot: its vehicle, its estimate, what it is doing, and the hooks in which the two flavours differ.
+
+Sans-IO and deterministic: time comes in by `step`, bytes by `receive`, bytes leave by `drain`. Physics and protocol
+run on a fixed grid of 50 Hz whatever the steps are.
+"""
+
+from __future__ import annotations
+
+import abc
+import math
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from mission.frames import Geodetic, Vector3
+from simvehicle.autopilot import streams
+from simvehicle.autopilot.channel import Channel, Peer
+from simvehicle.autopilot.commands import Command, CommandServer
+from simvehicle.autopilot.control import Limits, Motion, PositionController
+from simvehicle.autopilot.estimator import Estimator
+from simvehicle.autopilot.fences import Area, FenceError, areas_of
+from simvehicle.autopilot.inbox import Inbox
+from simvehicle.autopilot.maneuvers import Idle, Land, Maneuver, Navigation, Return, TakeOff
+from simvehicle.autopilot.mission_run import ACTIONS, NAVIGATION, MissionRun, Surroundings, Told
+from simvehicle.autopilot.missions import FENCE, MISSION, RALLY, Item, ListRules, MissionServer
+from simvehicle.autopilot.parameters import Parameters, ParameterServer
+from simvehicle.config import FleetConfig, VehicleSpec
+from simvehicle.dynamics import GRAVITY_MPS2, Battery, Multirotor
+from simvehicle.world import World
+
+TICK_S = 0.02
+_SLOW_TICKS = 5
+"""Failsafes, texts and the wind are looked at ten times a second."""
+_CRASH_MPS = 3.5
+RC_AT_REST_US = (1500, 1500, 1000, 1500, 1800, 1000, 1000, 1800)
+"""The remote control as the recorded vehicle saw it; channel 5 is the mode switch."""
+_LANDED_AFTER_S = 1.7
+"""From touching the ground to being sure of it; as recorded."""
+
+
+class Autopilot(abc.ABC):
+    """What both flavours have in common."""
+
+    flavour: ClassVar[Literal["ardupilot", "px4"]]
+    mav_autopilot: ClassVar[int]
+    gps_fix_type: ClassVar[int]
+    vtol_state: ClassVar[int]
+
+    def __init__(self, spec: VehicleSpec, fleet: FleetConfig, world: World, seed: int) -> None:
+        self.system = spec.id
+        self.world = world
+        self.ready_after_s = fleet.ready_after_s
+        rng = np.random.default_rng([seed & 0xFFFFFFFF, spec.id, 0xA0])
+        self.parameters = Parameters(self.flavour, spec.parameters)
+        self.parameters.set(self.system_parameter, float(spec.id))
+        self.body = Multirotor((spec.home_north_m, spec.home_east_m, 0.0))
+        self.estimator = Estimator(world.frame, (spec.home_north_m, spec.home_east_m, 0.0), rng)
+        self.battery = self.new_battery()
+        self.controller = PositionController()
+        self.channels = [Channel(index, spec.id) for index in range(len(spec.links))]
+        self.missions = MissionServer(self._list_rules(), self.channels)
+        self.parameter_server = ParameterServer(self.parameters)
+        self.commands = CommandServer(self)
+        self.inbox = Inbox(self)
+        self.now_s: float | None = None
+        self.boot_s = 0.0
+        self.armed = False
+        self.armed_s = 0.0
+        self.landed = True
+        self.crashed = False
+        self.failsafe = False
+        """Some failsafe has the vehicle: HEARTBEAT says CRITICAL."""
+        self.home_m: Vector3 | None = None
+        self.origin_is_set = False
+        self.fence: tuple[Area, ...] = ()
+        self.maneuver: Maneuver = Idle()
+        self.motion = Motion(idle=True)
+        self.mission_next = 0
+        self.mission_complete = False
+        self.silent = False
+        self.gcs_heard_s: dict[int, float] = {}
+        self.wind_estimate: Vector3 = (0.0, 0.0, 0.0)
+        self.limits = self.new_limits()
+        self.nav = Navigation(
+            0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, False, (0.0, 0.0, 0.0), self.limits, 0.0
+        )
+        self._ticks = 0
+        self._on_ground_s = 0.0
+        self.wind_ned_mps: Vector3 = (0.0, 0.0, 0.0)
+        self.rc_us = list(RC_AT_REST_US)
+        self._texts: list[tuple[int, str]] = []
+        self._heartbeat_due_s = 0.0
+
+    # -- what the flavours say -----------------------------------------------------------------------------
+
+    @property
+    @abc.abstractmethod
+    def system_parameter(self) -> str:
+        """The parameter that holds the system id."""
+
+    @property
+    @abc.abstractmethod
+    def custom_mode(self) -> int: ...
+
+    @abc.abstractmethod
+    def base_mode(self) -> int: ...
+
+    @abc.abstractmethod
+    def new_limits(self) -> Limits: ...
+
+    @abc.abstractmethod
+    def new_battery(self) -> Battery: ...
+
+    @abc.abstractmethod
+    def slow_step(self) -> None:
+        """Boot, failsafes, arming and mode logic; ten times a second."""
+
+    @abc.abstractmethod
+    def on_landed(self) -> None: ...
+
+    @abc.abstractmethod
+    def on_told(self, told: Told, sequence: int) -> None:
+        """The mission started, reached or finished an item."""
+
+    @abc.abstractmethod
+    def stored_item(self, kind: int, item: Item) -> Item: ...
+
+    @abc.abstractmethod
+    def read_item(self, kind: int, sequence: int, item: Item) -> Item: ...
+
+    @abc.abstractmethod
+    def on_list(self, kind: int, items: list[Item]) -> None:
+        """A list was replaced."""
+
+    @abc.abstractmethod
+    def on_list_progress(self, kind: int, count: int) -> None: ...
+
+    @abc.abstractmethod
+    def parameter_changed(self, name: str) -> None: ...
+
+    @abc.abstractmethod
+    def unknown_parameter(self, channel: Channel, peer: Peer, name: str) -> None: ...
+
+    @abc.abstractmethod
+    def setpoint(self, message: Any) -> None: ...
+
+    @abc.abstractmethod
+    def pilot(self, channels: list[int]) -> None:
+        """RC channels in microseconds (0: not given), from an override."""
+
+    @abc.abstractmethod
+    def command(self, command: Command) -> int | None:
+        """MAV_RESULT of a command that the flavours carry out differently; None for one that it does not know."""
+
+    @abc.abstractmethod
+    def back(self) -> Return:
+        """A new return-to-launch."""
+
+    @abc.abstractmethod
+    def health(self) -> tuple[int, int, int]:
+        """SYS_STATUS sensors present, enabled, healthy."""
+
+    @abc.abstractmethod
+    def estimator_flags(self) -> int:
+        """EKF_STATUS_REPORT's and ESTIMATOR_STATUS's flags, which share their first bits."""
+
+    @property
+    @abc.abstractmethod
+    def estimator_lost(self) -> bool:
+        """There is no horizontal position any more."""
+
+    @property
+    @abc.abstractmethod
+    def estimates_wind(self) -> bool: ...
+
+    @property
+    @abc.abstractmethod
+    def gps_detected(self) -> bool: ...
+
+    @property
+    @abc.abstractmethod
+    def idle_status(self) -> bool:
+        """HEARTBEAT says STANDBY while landed."""
+
+    @abc.abstractmethod
+    def landed_state(self) -> int: ...
+
+    @abc.abstractmethod
+    def mission_idle_state(self) -> int: ...
+
+    @abc.abstractmethod
+    def version(self) -> Any: ...
+
+    @abc.abstractmethod
+    def fence_status(self) -> Any | None: ...
+
+    @abc.abstractmethod
+    def on_parameter_list(self) -> None:
+        """Somebody asked for all parameters."""
+
+    @abc.abstractmethod
+    def takes_pilot(self, system: int) -> bool:
+        """Whether this system may move the sticks."""
+
+    @abc.abstractmethod
+    def first_streams(self) -> dict[int, float]:
+        """Message id -> interval (s) of what is sent without being asked for."""
+
+    # -- what others ask ------------------------------------------------------------------------------------
+
+    @property
+    def time_s(self) -> float:
+        """Time since power-up."""
+        return 0.0 if self.now_s is None else self.now_s - self.boot_s
+
+    @property
+    @abc.abstractmethod
+    def ready(self) -> bool:
+        """The estimate is good enough to fly with."""
+
+    @property
+    def is_landing(self) -> bool:
+        maneuver = self.maneuver.maneuver if isinstance(self.maneuver, MissionRun) else self.maneuver
+        return isinstance(maneuver, Land) or (isinstance(maneuver, Return) and maneuver.landing)
+
+    @property
+    def motion_wants_to_fly(self) -> bool:
+        """On the ground, but about to leave it."""
+        maneuver = self.maneuver.maneuver if isinstance(self.maneuver, MissionRun) else self.maneuver
+        return isinstance(maneuver, TakeOff) or not self.motion.idle
+
+    @property
+    def home(self) -> Geodetic | None:
+        return None if self.home_m is None else self.estimator.geodetic(self.home_m)
+
+    @property
+    def above_home_m(self) -> float:
+        return self.nav.above_home_m
+
+    def say(self, severity: int, text: str) -> None:
+        """A STATUSTEXT to everybody, after the answer to a command that is being carried out."""
+        self._texts.append((severity, text))
+
+    def broadcast(self, message: Any) -> None:
+        for channel in self.channels:
+            channel.send(message)
+
+    def flush_texts(self) -> None:
+        texts, self._texts = self._texts, []
+        for severity, text in texts:
+            self.broadcast(mavlink.MAVLink_statustext_message(severity, text.encode()[:50]))
+
+    # -- bytes ----------------------------------------------------------------------------------------------
+
+    def receive(self, link: int, data: bytes) -> None:
+        """Bytes that came in on a link. A vehicle without power or on a dead radio hears nothing."""
+        if self.now_s is not None and not self.silent:
+            self.inbox.receive(self.channels[link], data)
+
+    def drain(self) -> list[tuple[int, bytes]]:
+        out = [(channel.link, data) for channel in self.channels for data in channel.drain()]
+        return [] if self.silent else out
+
+    # -- time -----------------------------------------------------------------------------------------------
+
+    def step(self, now_s: float) -> None:
+        """Everything up to `now_s`. The first call is the power-up."""
+        if self.now_s is None:
+            self.now_s = self.boot_s = now_s
+            for channel in self.channels:
+                for message_id, interval_s in self.first_streams().items():
+                    channel.set_stream(message_id, interval_s, now_s)
+            self._heartbeat_due_s = now_s
+        ticks = int((now_s - self.boot_s) / TICK_S + 1e-6)
+        while self._ticks < ticks:
+            self._ticks += 1
+            self.now_s = self.boot_s + self._ticks * TICK_S
+            self._tick(self.now_s)
+
+    def _tick(self, now_s: float) -> None:
+        body, estimator, nav = self.body, self.estimator, self.nav
+        slow = self._ticks % _SLOW_TICKS == 0
+        if slow:
+            north, east, down = body.position
+            self.wind_ned_mps = self.world.wind.wind_ned_mps((north, east, down), now_s)
+        estimator.step(now_s, TICK_S, body.position, body.velocity)
+        nav.now_s = now_s
+        nav.position_m, nav.velocity_mps, nav.yaw_rad = (
+            estimator.position_m,
+            estimator.velocity_mps,
+            body.yaw_rad,
+        )
+        nav.airborne = not self.landed
+        if slow:
+            self._slow(now_s)
+        if self.armed:
+            motion = self.maneuver.step(nav)
+            self.motion = motion
+            thrust = self.controller.step(TICK_S, motion, nav.position_m, nav.velocity_mps, self.limits)
+            yaw_rad = motion.yaw_rad
+            if motion.yaw_rate_radps is not None:
+                yaw_rad = (
+                    body.yaw_rad + 0.5 * motion.yaw_rate_radps
+                )  # the heading loop's gain is 2 per second
+            body.step(TICK_S, thrust, yaw_rad, self.wind_ned_mps)
+            self._contact(thrust[2])
+            if isinstance(self.maneuver, MissionRun):
+                self._mission_told(self.maneuver)
+        elif not body.on_ground or body.thrust[2] != 0.0:
+            body.step(TICK_S, (0.0, 0.0, 0.0), None, self.wind_ned_mps)
+            self._contact(0.0)
+        self.battery.step(TICK_S, self.armed, body.thrust)
+        if not self.silent:
+            self._send_due(now_s)
+
+    def _contact(self, wanted_down_mps2: float) -> None:
+        body = self.body
+        if body.impact_mps is not None:
+            impact_mps, body.impact_mps = body.impact_mps, None
+            self.on_touch(impact_mps)
+            if impact_mps > _CRASH_MPS:
+                self.crashed = True
+                self.disarm(f"Crash: Disarming: hit the ground at {impact_mps:.1f} m/s", 2)
+        if not body.on_ground:
+            self.landed = False
+            self._on_ground_s = 0.0
+        elif not self.landed and -wanted_down_mps2 < GRAVITY_MPS2:
+            self._on_ground_s += TICK_S
+            if self._on_ground_s >= _LANDED_AFTER_S:
+                self.landed = True
+                self.on_landed()
+
+    @abc.abstractmethod
+    def on_touch(self, impact_mps: float) -> None:
+        """The vehicle touched the ground at this speed."""
+
+    def _slow(self, now_s: float) -> None:
+        if now_s >= self._heartbeat_due_s:
+            self._heartbeat_due_s += 1.0
+            self.broadcast(streams.heartbeat(self))
+        blend = 0.1 / 5.0
+        self.wind_estimate = (
+            self.wind_estimate[0] + blend * (self.wind_ned_mps[0] - self.wind_estimate[0]),
+            self.wind_estimate[1] + blend * (self.wind_ned_mps[1] - self.wind_estimate[1]),
+            0.0,
+        )
+        self.missions.step(now_s)
+        self.slow_step()
+
+    def _send_due(self, now_s: float) -> None:
+        if self._texts:
+            self.flush_texts()
+        self.parameter_server.step(self.channels)
+        for channel in self.channels:
+            for message_id in channel.take_due(now_s):
+                message = streams.build(self, message_id)
+                if message is not None:
+                    channel.send(message)
+
+    # -- what both flavours do alike ------------------------------------------------------------------------
+
+    def arm(self) -> None:
+        self.armed = True
+        self.armed_s = self.now_s or 0.0
+        self.home_m = self.nav.position_m
+        self.nav.home_m = self.home_m
+        self.controller.reset()
+
+    def disarm(self, text: str, severity: int = mavlink.MAV_SEVERITY_INFO) -> None:
+        if self.armed:
+            self.armed = False
+            self.maneuver = Idle()
+            self.motion = Motion(idle=True)
+            self.say(severity, text)
+            if self.body.on_ground:
+                self.landed = True
+
+    def set_origin(self) -> None:
+        """The first fix: the local frame and home are known from now on."""
+        self.origin_is_set = True
+        self.home_m = self.nav.home_m = self.nav.position_m
+
+    def new_mission(self, first: int, arrival_m: float) -> MissionRun:
+        home_amsl_m = self.estimator.geodetic(self.nav.home_m).amsl_m
+        around = Surroundings(self.estimator.local, home_amsl_m, arrival_m, self.back, first)
+        return MissionRun(self.missions.lists[MISSION], around, self.mission_next)
+
+    def _mission_told(self, run: MissionRun) -> None:
+        self.mission_next = run.current
+        told, run.told = run.told, []
+        for what, sequence in told:
+            if what is Told.REACHED:
+                self.broadcast(mavlink.MAVLink_mission_item_reached_message(sequence))
+            if what is Told.COMPLETE:
+                self.mission_complete = True
+            self.on_told(what, sequence)
+
+    def _list_rules(self) -> ListRules:
+        ardupilot = self.flavour == "ardupilot"
+        return ListRules(
+            legacy_requests=ardupilot,
+            atomic=not ardupilot,
+            stored=self._stored,
+            finished=self._list_finished,
+            progress=self.on_list_progress,
+            read=self.read_item,
+            set_current=self.set_mission_current,
+        )
+
+    def _stored(self, kind: int, item: Item) -> Item | int:
+        """Refuse what no autopilot can fly, keep the rest as the flavour stores it."""
+        if kind == MISSION and item.command not in NAVIGATION | ACTIONS:
+            return int(mavlink.MAV_MISSION_UNSUPPORTED)
+        if kind == RALLY and item.command != mavlink.MAV_CMD_NAV_RALLY_POINT:
+            return int(mavlink.MAV_MISSION_UNSUPPORTED)
+        if not (abs(item.x) <= 900_000_000 and abs(item.y) <= 1_800_000_000):
+            return int(mavlink.MAV_MISSION_INVALID_PARAM5_X)
+        if math.isnan(item.z):
+            return int(mavlink.MAV_MISSION_INVALID_PARAM7)
+        return self.stored_item(kind, item)
+
+    def _list_finished(self, kind: int, items: list[Item]) -> int:
+        if kind == FENCE:
+            try:
+                self.fence = areas_of(items, self.estimator.local)
+            except FenceError as error:
+                self.say(mavlink.MAV_SEVERITY_WARNING, str(error)[:50])
+                return int(mavlink.MAV_MISSION_INVALID_PARAM1)
+        if kind == MISSION:
+            self.mission_next = 0
+            self.mission_complete = False
+            if isinstance(self.maneuver, MissionRun):
+                self.maneuver = self.new_mission(*self.mission_rules())
+        self.on_list(kind, items)
+        return int(mavlink.MAV_MISSION_ACCEPTED)
+
+    @abc.abstractmethod
+    def mission_rules(self) -> tuple[int, float]:
+        """Sequence number of the first item to fly, and the radius (m) within which a waypoint is reached."""
+
+    def set_mission_current(self, sequence: int) -> bool:
+        if not 0 <= sequence < len(self.missions.lists[MISSION]):
+            return False
+        self.mission_next = sequence
+        self.mission_complete = False
+        if isinstance(self.maneuver, MissionRun):
+            return self.maneuver.go_to(sequence)
+        return True
+
+    def set_parameter(self, name: str, value: float) -> None:
+        self.parameters.set(name, value)
+        self.limits = self.nav.limits = self.new_limits()
+        self.parameter_changed(name)

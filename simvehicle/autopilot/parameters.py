@@ -1,0 +1,129 @@
+"""Parameters as the two autopilots keep them and as MAVLink carries them.
+
+https://mavlink.io/en/services/parameter.html: PARAM_VALUE has one float field. PX4 puts an integer's bytes into
+it, ArduPilot casts it to a float.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Mapping
+from typing import Any, Literal
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from simvehicle.autopilot import parameter_tables
+from simvehicle.autopilot.channel import Channel
+
+_TYPES = {
+    "I8": (mavlink.MAV_PARAM_TYPE_INT8, -(2**7), 2**7 - 1),
+    "I16": (mavlink.MAV_PARAM_TYPE_INT16, -(2**15), 2**15 - 1),
+    "I32": (mavlink.MAV_PARAM_TYPE_INT32, -(2**31), 2**31 - 1),
+    "F32": (mavlink.MAV_PARAM_TYPE_REAL32, -math.inf, math.inf),
+}
+_TABLES = {"ardupilot": parameter_tables.ARDUPILOT, "px4": parameter_tables.PX4}
+UNASKED = 65535
+"""param_index of a PARAM_VALUE that answers no request for an index."""
+
+
+class UnknownParameterError(ValueError):
+    """A name that this flavour does not have."""
+
+
+class Parameters:
+    """One vehicle's parameters by name; numbers are kept as floats that fit the declared type."""
+
+    def __init__(self, flavour: Literal["ardupilot", "px4"], overrides: Mapping[str, float]) -> None:
+        self.flavour = flavour
+        self._bytewise = flavour == "px4"
+        self._types: dict[str, tuple[int, float, float]] = {}
+        self._values: dict[str, float] = {}
+        for entry in _TABLES[flavour].split():
+            name, _, rest = entry.partition("=")
+            number, _, kind = rest.partition(":")
+            self._types[name] = _TYPES[kind]
+            self._values[name] = float(number)
+        self.names = list(self._values)
+        self._index = {name: index for index, name in enumerate(self.names)}
+        for name, value in overrides.items():
+            if name not in self._values:
+                raise UnknownParameterError(
+                    f"parameters.{name}: the simulated {flavour} has no such parameter"
+                )
+            self.set(name, value)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._values
+
+    def __getitem__(self, name: str) -> float:
+        return self._values[name]
+
+    def set(self, name: str, value: float) -> None:
+        """Store a value as the declared type holds it: integers rounded and limited, floats single precision."""
+        kind, least, most = self._types[name]
+        if kind == mavlink.MAV_PARAM_TYPE_REAL32:
+            self._values[name] = struct.unpack("<f", struct.pack("<f", value))[0]
+        else:
+            self._values[name] = float(max(least, min(most, round(value))))
+
+    def encoded(self, name: str) -> tuple[float, int]:
+        """The float field and the type field of PARAM_VALUE."""
+        kind = self._types[name][0]
+        value = self._values[name]
+        if self._bytewise and kind != mavlink.MAV_PARAM_TYPE_REAL32:
+            value = struct.unpack("<f", struct.pack("<i", int(value)))[0]
+        return value, kind
+
+    def decoded(self, name: str, value: float, kind: int) -> float | None:
+        """What a PARAM_SET means; None for a type that does not fit or a number that is none."""
+        if self._bytewise:
+            if kind != self._types[name][0]:
+                return None
+            if kind != mavlink.MAV_PARAM_TYPE_REAL32:
+                return float(struct.unpack("<i", struct.pack("<f", value))[0])
+        return value if math.isfinite(value) else None
+
+    def message(self, name: str, index: int | None = None) -> Any:
+        value, kind = self.encoded(name)
+        return mavlink.MAVLink_param_value_message(
+            name.encode(), value, kind, len(self.names), self._index[name] if index is None else index
+        )
+
+
+class ParameterServer:
+    """Answers PARAM_REQUEST_READ and _LIST; a list goes out some per step, so as not to flood a link."""
+
+    PER_STEP = 20
+
+    def __init__(self, parameters: Parameters) -> None:
+        self.parameters = parameters
+        self._sending: dict[int, int] = {}
+        """Link -> index of the next parameter of the list that it asked for."""
+
+    def request_list(self, channel: Channel) -> None:
+        self._sending[channel.link] = 0
+
+    def request_read(self, channel: Channel, message: Any) -> str | None:
+        """Answer; or the name that does not exist."""
+        if message.param_index >= 0:
+            if message.param_index >= len(self.parameters.names):
+                return f"#{message.param_index}"
+            channel.send(self.parameters.message(self.parameters.names[message.param_index]))
+            return None
+        name = str(message.param_id)
+        if name not in self.parameters:
+            return name
+        index = None if self.parameters.flavour == "px4" else UNASKED
+        channel.send(self.parameters.message(name, index))
+        return None
+
+    def step(self, channels: list[Channel]) -> None:
+        for link, first in list(self._sending.items()):
+            names = self.parameters.names[first : first + self.PER_STEP]
+            for name in names:
+                channels[link].send(self.parameters.message(name))
+            if first + len(names) >= len(self.parameters.names):
+                del self._sending[link]
+            else:
+                self._sending[link] = first + len(names)
