@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import pathlib
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from msgspec import Meta
 
 from flightstack.config import Fraction, NotNegative, Positive, Section, SwarmConfig
-from mission.documents import DocumentError, parse
+from mission.documents import DocumentError, line_of, parse
 from mission.frames import Geodetic
 from mission.geofence import Geofence
 
@@ -77,24 +78,28 @@ def load(path: str | pathlib.Path) -> GroundConfig:
     except (OSError, UnicodeDecodeError) as error:
         raise DocumentError(file, f"cannot be read: {error}") from error
     config = parse(text, GroundConfig, file)
-    if len(set(config.swarm.members)) != len(config.swarm.members):
-        raise DocumentError(
-            file, "a drone's id stands twice; every drone needs its own", field="swarm.members"
-        )
-    if config.mavlink.system in config.swarm.members:
-        problem = (
-            f"{config.mavlink.system} is also a drone's system id; 255 is the usual one of a ground station"
-        )
-        raise DocumentError(file, problem, field="mavlink.system")
-    if len(set(config.mavlink.links)) != len(config.mavlink.links):
-        raise DocumentError(file, "a link stands twice", field="mavlink.links")
-    if config.geofence is not None and config.plan is not None:
-        raise DocumentError(file, "give either geofence or plan, not both", field="plan")
-    if config.geofence is not None:
-        for problem in config.geofence.problems():
-            raise DocumentError(file, problem, field="geofence")
-    if config.alarms.battery_critical_fraction > config.alarms.battery_low_fraction:
-        raise DocumentError(file, "is above battery_low_fraction", field="alarms.battery_critical_fraction")
-    if not config.speedup <= 100.0:
-        raise DocumentError(file, f"{config.speedup} is not within 0 to 100", field="speedup")
+    for field, problem in problems(config):
+        raise DocumentError(file, problem, line=line_of(text, field), field=field)
     return config
+
+
+def problems(config: GroundConfig) -> Iterator[tuple[str, str]]:
+    """What cannot be although every value is of its type: (field, what is wrong and how to mend it)."""
+    members, mavlink, alarms = config.swarm.members, config.mavlink, config.alarms
+    if len(set(members)) != len(members):
+        yield "swarm.members", "a drone's id stands twice; every drone needs its own"
+    if mavlink.system in members:
+        problem = f"{mavlink.system} is also a drone's system id; 255 is the usual one of a ground station"
+        yield "mavlink.system", problem
+    if len(set(mavlink.links)) != len(mavlink.links):
+        yield "mavlink.links", "a link stands twice"
+    if config.geofence is not None and config.plan is not None:
+        yield "plan", "give either geofence or plan, not both"
+    for problem in config.geofence.problems() if config.geofence is not None else ():
+        yield "geofence", problem
+    if alarms.battery_critical_fraction > alarms.battery_low_fraction:
+        yield "alarms.battery_critical_fraction", "it is above battery_low_fraction"
+    if config.speedup > 100.0:
+        yield "speedup", f"{config.speedup:g} is not within 0 to 100"
+    if config.tick_hz < 4.0:
+        yield "tick_hz", f"{config.tick_hz:g} is too slow for what is sent 4 times a second; 10 is usual"

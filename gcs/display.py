@@ -129,6 +129,17 @@ def event_line(event: Event, age_s: float) -> Text:
     return Text(f"{age_s:4.0f} s ago  ", style="dim").append(f"{who}: {event.text}", style=style)
 
 
+def report(
+    swarm: str, rows: Sequence[DroneRow], alarms: Sequence[Alarm], station: str | None, now_s: float
+) -> RenderableType:
+    """What `gcs status` prints: everything, however long."""
+    return Group(
+        headline(swarm, rows, alarms, station),
+        fleet_table(rows, alarms),
+        *(alarm_line(alarm, now_s) for alarm in alarms),
+    )
+
+
 def screen(
     swarm: str,
     rows: Sequence[DroneRow],
