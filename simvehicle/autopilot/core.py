@@ -33,6 +33,8 @@ TICK_S = 0.02
 _SLOW_TICKS = 5
 """Failsafes, texts and the wind are looked at ten times a second."""
 _CRASH_MPS = 3.5
+_TEXT_BYTES = 50
+"""Of one STATUSTEXT; a longer text goes out in numbered pieces."""
 RC_AT_REST_US = (1500, 1500, 1000, 1500, 1800, 1000, 1000, 1800)
 """The remote control as the recorded vehicle saw it; channel 5 is the mode switch."""
 _LANDED_AFTER_S = 1.7
@@ -90,6 +92,7 @@ class Autopilot(abc.ABC):
         self.wind_ned_mps: Vector3 = (0.0, 0.0, 0.0)
         self.rc_us = list(RC_AT_REST_US)
         self._texts: list[tuple[int, str]] = []
+        self._text_id = 0
         self._heartbeat_due_s = 0.0
 
     # -- what the flavours say -----------------------------------------------------------------------------
@@ -249,7 +252,17 @@ class Autopilot(abc.ABC):
     def flush_texts(self) -> None:
         texts, self._texts = self._texts, []
         for severity, text in texts:
-            self.broadcast(mavlink.MAVLink_statustext_message(severity, text.encode()[:50]))
+            data = text.encode()
+            if len(data) <= _TEXT_BYTES:
+                self.broadcast(mavlink.MAVLink_statustext_message(severity, data))
+                continue
+            self._text_id = self._text_id % 65535 + 1
+            for part in range(0, len(data), _TEXT_BYTES):
+                piece = data[part : part + _TEXT_BYTES]
+                message = mavlink.MAVLink_statustext_message(
+                    severity, piece, self._text_id, part // _TEXT_BYTES
+                )
+                self.broadcast(message)
 
     # -- bytes ----------------------------------------------------------------------------------------------
 
@@ -425,7 +438,7 @@ class Autopilot(abc.ABC):
             try:
                 self.fence = areas_of(items, self.estimator.local)
             except FenceError as error:
-                self.say(mavlink.MAV_SEVERITY_WARNING, str(error)[:50])
+                self.say(mavlink.MAV_SEVERITY_WARNING, str(error))
                 return int(mavlink.MAV_MISSION_INVALID_PARAM1)
         if kind == MISSION:
             self.mission_next = 0

@@ -224,7 +224,7 @@ class Px4(Autopilot):
         strict = self.armed or mode in (Mode.OFFBOARD, Mode.MISSION)
         if reason is not None and strict:
             self.say(_CRITICAL, f"Switching to {mode.name.title()} not possible")
-            self.say(_CRITICAL, reason[:50])
+            self.say(_CRITICAL, reason)
             return REJECTED
         self.safety.user_chose()
         self.enter(mode)

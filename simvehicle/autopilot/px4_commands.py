@@ -37,9 +37,9 @@ def arm(a: Px4, *, forced: bool) -> int:
         return ACCEPTED
     reasons = [] if forced else a.safety.failures()
     if reasons:
-        a.say(_CRITICAL, "Arming denied: Resolve system health failures first"[:50])
+        a.say(_CRITICAL, "Arming denied: Resolve system health failures first")
         for reason in reasons:
-            a.say(_CRITICAL, f"Preflight Fail: {reason}"[:50])
+            a.say(_CRITICAL, f"Preflight Fail: {reason}")
         return REJECTED
     a.say(_INFO, "Armed by external command")
     a.arm()
@@ -106,7 +106,7 @@ def pause_continue(a: Px4, command: Command) -> int:
 
 def prearm_checks(a: Px4, _command: Command) -> int:
     for reason in a.safety.failures():
-        a.say(_CRITICAL, f"Preflight Fail: {reason}"[:50])
+        a.say(_CRITICAL, f"Preflight Fail: {reason}")
     return ACCEPTED
 
 
