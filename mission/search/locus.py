@@ -257,6 +257,7 @@ class Locus:
         )
         jitter_n, jitter_e = rng.uniform(-self._p.jitter_m, self._p.jitter_m, 2)
         north_m, east_m, _ = order.anchor_ned_m
-        return waypoint_uphill(
+        uphill, north_m, east_m = waypoint_uphill(
             gradient_n, gradient_e, north_m, east_m, self._p.step_m, float(jitter_n), float(jitter_e)
         )
+        return bool(uphill), float(north_m), float(east_m)  # numpy's numbers do not go over the wire
