@@ -11,6 +11,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from flightstack.autopilot.modes import Flavour
 from flightstack.autopilot.telemetry import Telemetry
 from mission.frames import LocalFrame, Vector3
 
@@ -30,11 +31,12 @@ def position_setpoint(
 ) -> Any:
     """SET_POSITION_TARGET_GLOBAL_INT for a point of the swarm's frame.
 
-    The altitude is over the autopilot's own home, found through heights above mean sea level; the height above mean
-    sea level itself where home is not known.
+    ArduPilot gets the altitude over its own home, found through heights above mean sea level. Where home is not known,
+    and for PX4 always, it is the height above mean sea level itself: PX4 misreads an altitude over home when its home
+    is not at the height of its estimator's origin, by twice the difference (mavlink_receiver.cpp).
     """
     point = frame.to_geodetic(position_ned_m)
-    if vehicle.home is None:
+    if vehicle.home is None or vehicle.flavour is Flavour.PX4:
         coordinates, altitude_m = mavlink.MAV_FRAME_GLOBAL_INT, point.amsl_m
     else:
         coordinates = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT

@@ -207,7 +207,9 @@ class Telemetry:
     def _wind_from(self, _now_s: float, message: Any) -> None:
         values = (message.speed, message.direction, message.speed_z)
         if all(map(math.isfinite, values)) and message.speed > MOVING_AIR_MPS:
-            north_mps, east_mps, _ = wind_from(message.speed, message.direction)
+            # ArduPilot's speed is the length of the whole vector, its direction that of the horizontal part.
+            horizontal_mps = math.sqrt(max(message.speed**2 - message.speed_z**2, 0.0))
+            north_mps, east_mps, _ = wind_from(horizontal_mps, message.direction)
             self.new_wind = ((north_mps, east_mps, message.speed_z), None)
 
     def _wind_vector(self, _now_s: float, message: Any) -> None:

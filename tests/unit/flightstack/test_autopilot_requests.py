@@ -190,12 +190,14 @@ class ScriptedAutopilot:
         return len([t for t in self.setpoint_s if now_s - t < 1.0]) >= 2
 
     def on_set_position_target_global_int(self, now_s: float, message) -> None:
-        assert message.coordinate_frame == mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
         assert message.type_mask & ~0x400 == 0x9F8
-        north_m, east_m, _ = LocalFrame(HOME).to_ned(
-            Geodetic(message.lat_int * 1e-7, message.lon_int * 1e-7, HOME.amsl_m)
-        )
-        self.take_setpoint(now_s, ("position", north_m, east_m, message.alt))
+        point = Geodetic(message.lat_int * 1e-7, message.lon_int * 1e-7, HOME.amsl_m)
+        north_m, east_m, _ = LocalFrame(HOME).to_ned(point)
+        # An altitude over home is wrong in PX4 itself, so it must not get one.
+        expected = mavlink.MAV_FRAME_GLOBAL_INT if self.px4 else mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
+        assert message.coordinate_frame == expected
+        height_m = message.alt - HOME.amsl_m if self.px4 else message.alt
+        self.take_setpoint(now_s, ("position", north_m, east_m, height_m))
 
     def on_set_position_target_local_ned(self, now_s: float, message) -> None:
         assert message.coordinate_frame == mavlink.MAV_FRAME_LOCAL_NED
