@@ -9,10 +9,10 @@ from typing import Any
 
 import msgspec
 
+from sensors import ft205, gss, k30, li850, mavlink_readings, sba5, trisonica, windsonic
+from sensors.anemometers import Mounting
 from sensors.errors import SensorError
 from sensors.samples import Instrument, Quantity
-from sensors.sba5 import BAUD as SBA5_BAUD
-from sensors.sba5 import Sba5, Sba5Options
 
 
 @dataclasses.dataclass(frozen=True)
@@ -25,6 +25,8 @@ class Co2Traits:
     noise_ppm: float
     """Standard deviation of a reading in clean air."""
     resolution_ppm: float
+    period_s: float = 0.1
+    """Time between two readings."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,8 +40,6 @@ class InstrumentType:
     make: Callable[[str, Any], Instrument]
     co2: Co2Traits | None = None
     aliases: tuple[str, ...] = ()
-    wind_sd_mps: float | None = None
-    """Standard deviation per axis of an anemometer, from its data sheet."""
 
 
 INSTRUMENTS: dict[str, InstrumentType] = {
@@ -49,10 +49,87 @@ INSTRUMENTS: dict[str, InstrumentType] = {
             "sba5",
             "PP Systems SBA-5 infrared CO2 analyser with pump and zero valve",
             Quantity.CO2,
-            SBA5_BAUD,
-            Sba5Options,
-            Sba5,
+            sba5.BAUD,
+            sba5.Sba5Options,
+            sba5.Sba5,
             Co2Traits(lag_s=1.5, noise_ppm=1.0, resolution_ppm=0.01),
+        ),
+        InstrumentType(
+            "k30",
+            "Senseair K30 infrared CO2 sensor, Modbus RTU",
+            Quantity.CO2,
+            k30.BAUD,
+            k30.K30Options,
+            k30.K30,
+            Co2Traits(lag_s=20.0, noise_ppm=3.0, resolution_ppm=1.0, period_s=2.0),
+            aliases=("senseairk30",),
+        ),
+        InstrumentType(
+            "cozir",
+            "GSS CozIR infrared CO2 sensor, ASCII Z and z lines",
+            Quantity.CO2,
+            gss.BAUD,
+            gss.GssOptions,
+            gss.cozir,
+            Co2Traits(lag_s=15.0, noise_ppm=10.0, resolution_ppm=1.0, period_s=0.5),
+            aliases=("gsscozir", "coziramb", "cozira"),
+        ),
+        InstrumentType(
+            "sprintir",
+            "GSS SprintIR high-speed infrared CO2 sensor, ASCII Z and z lines",
+            Quantity.CO2,
+            gss.BAUD,
+            gss.GssOptions,
+            gss.sprintir,
+            Co2Traits(lag_s=1.0, noise_ppm=30.0, resolution_ppm=10.0, period_s=0.05),
+            aliases=("gsssprintir", "sprintirw", "gss"),
+        ),
+        InstrumentType(
+            "li850",
+            "LI-COR LI-850 CO2/H2O analyser (also LI-820, LI-830, LI-840), XML-like stream",
+            Quantity.CO2,
+            li850.BAUD,
+            li850.Li850Options,
+            li850.Li850,
+            Co2Traits(lag_s=1.5, noise_ppm=0.5, resolution_ppm=0.01, period_s=0.5),
+            aliases=("li820", "li830", "li840", "licorli850"),
+        ),
+        InstrumentType(
+            "mavlink",
+            "CO2 readings that the autopilot relays as NAMED_VALUE_FLOAT",
+            Quantity.CO2,
+            None,
+            mavlink_readings.MavlinkOptions,
+            mavlink_readings.MavlinkReadings,
+            Co2Traits(lag_s=1.5, noise_ppm=1.0, resolution_ppm=0.01),
+            aliases=("namedvaluefloat",),
+        ),
+        InstrumentType(
+            "trisonica",
+            "LI-COR LI-550 TriSonica Mini, three-dimensional ultrasonic anemometer",
+            Quantity.WIND,
+            trisonica.BAUD,
+            Mounting,
+            trisonica.Trisonica,
+            aliases=("li550", "trisonicamini", "li550trisonicamini"),
+        ),
+        InstrumentType(
+            "ft205",
+            "FT Technologies FT205 (also FT702, FT722, FT742) acoustic wind sensor",
+            Quantity.WIND,
+            ft205.BAUD,
+            ft205.Ft205Options,
+            ft205.Ft205,
+            aliases=("ft205ev", "ft702", "ft722", "ft742"),
+        ),
+        InstrumentType(
+            "windsonic",
+            "Gill WindSonic two-axis ultrasonic anemometer: polar, U V or NMEA",
+            Quantity.WIND,
+            windsonic.BAUD,
+            Mounting,
+            windsonic.WindSonic,
+            aliases=("gill", "gillwindsonic"),
         ),
     )
 }

@@ -115,8 +115,8 @@ class Pacer:
     def due(self, now_s: float, period_s: float | None = None) -> bool:
         """True once a period (`period_s`, or the usual one); also after the clock was set back."""
         period = self.period_s if period_s is None else period_s
-        # Ticks are not exact: waiting for the last tenth of a period would halve the rate at 10 Hz.
-        if self._last_s is not None and 0.0 <= now_s - self._last_s < 0.9 * period:
+        # Ticks are not exact: waiting for the last hundredths of a period would halve the rate at 10 Hz.
+        if self._last_s is not None and 0.0 <= now_s - self._last_s < period - min(0.1 * period, 0.05):
             return False
         self._last_s = now_s
         return True

@@ -10,6 +10,16 @@ import numpy as np
 
 from sensors.errors import SensorError
 from sensors.instruments import instrument_type
+from simvehicle.instruments.anemometers import (
+    AnemometerEmulation,
+    Ft205Emulator,
+    TrisonicaEmulator,
+    WindSonicEmulation,
+    WindSonicEmulator,
+)
+from simvehicle.instruments.gss import CozirEmulation, GssEmulator, SprintirEmulation
+from simvehicle.instruments.k30 import K30Emulation, K30Emulator
+from simvehicle.instruments.li850 import Li850Emulation, Li850Emulator
 from simvehicle.instruments.physics import Air, Emulator
 from simvehicle.instruments.sba5 import Sba5Emulation, Sba5Emulator
 
@@ -17,6 +27,13 @@ __all__ = ["EMULATORS", "Air", "Emulator", "make_emulator"]
 
 EMULATORS: dict[str, tuple[Callable[[np.random.Generator, Any], Emulator], type[msgspec.Struct]]] = {
     "sba5": (Sba5Emulator, Sba5Emulation),
+    "k30": (K30Emulator, K30Emulation),
+    "cozir": (GssEmulator, CozirEmulation),
+    "sprintir": (GssEmulator, SprintirEmulation),
+    "li850": (Li850Emulator, Li850Emulation),
+    "trisonica": (TrisonicaEmulator, AnemometerEmulation),
+    "ft205": (Ft205Emulator, AnemometerEmulation),
+    "windsonic": (WindSonicEmulator, WindSonicEmulation),
 }
 """For every instrument type that has a line of its own: its emulator and the emulator's options."""
 
