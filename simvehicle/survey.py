@@ -13,13 +13,24 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from flightstack.config import DroneId, FormationConfig, LimitsConfig, Positive, Section, StrategyConfig
+from flightstack.config import (
+    AutopilotConfig,
+    DroneConfig,
+    DroneId,
+    FormationConfig,
+    InstrumentConfig,
+    LimitsConfig,
+    Positive,
+    Section,
+    StrategyConfig,
+    SwarmConfig,
+)
+from flightstack.config_file import problems
 from mission.documents import DocumentError, line_of, parse
-from mission.formation import make_layout
 from mission.frames import Geodetic, LocalFrame
 from mission.geofence import Circle, Geofence, LocalFence, Vertex
+from mission.plan_file import read_plan
 from sensors.errors import SensorError
-from sensors.instruments import make_instrument
 from simvehicle.config import FaultSpec, GaussianPlume, LocusGridPlume, WindConfig
 from simvehicle.instruments import make_emulator
 
@@ -201,13 +212,39 @@ class _Checks:
     def run(self) -> Survey:
         drones = self._drones()
         self._launch_points(drones)
-        self._instruments(drones)
-        self._altitudes(len(drones))
-        self._formation(len(drones))
-        fence = self._fence(drones)
-        self._strategy()
+        self._altitudes()
+        fence = self._geofence()
+        self._as_agents_see_it(drones, fence)
+        self._in_the_fence(drones, fence)
+        self._emulated(drones)
         self._faults(drones)
         return Survey(self._config, drones, fence, tuple(self._warnings))
+
+    def _as_agents_see_it(self, drones: tuple[SurveyDrone, ...], fence: Geofence | None) -> None:
+        """What each agent would refuse of its own file is refused here, before any process is started."""
+        config = self._config
+        swarm = SwarmConfig(name=config.name, members=tuple(d.id for d in drones))
+        for index, drone in enumerate(drones):
+            seen = DroneConfig(
+                drone=drone.id,
+                swarm=swarm,
+                origin=config.origin,
+                autopilot=AutopilotConfig(link="udpin:127.0.0.1:0", flavour=drone.flavour),
+                instruments=tuple(
+                    InstrumentConfig(name=i.name, type=i.type, port="socket://127.0.0.1:0", options=i.options)
+                    for i in drone.instruments or ()
+                ),
+                formation=config.formation,
+                limits=config.limits,
+                geofence=fence,
+                strategy=config.strategy,
+            )
+            for field, problem in problems(seen):
+                own = field.startswith("instruments") and self._has_own_instruments(index)
+                raise self._fail(f"drones[{index}].{field}" if own else field, problem)
+
+    def _has_own_instruments(self, index: int) -> bool:
+        return bool(self._config.drones) and self._config.drones[index].instruments is not None
 
     def _fail(self, field: str, problem: str) -> DocumentError:
         return DocumentError(self._file, problem, line=line_of(self._text, field), field=field)
@@ -246,40 +283,28 @@ class _Checks:
                     f"limits.separation_m = {separation_m:g} m; move one of them",
                 )
 
-    def _instruments(self, drones: tuple[SurveyDrone, ...]) -> None:
+    def _emulated(self, drones: tuple[SurveyDrone, ...]) -> None:
         for index, drone in enumerate(drones):
-            own = self._config.drones and self._config.drones[index].instruments is not None
-            field = f"drones[{index}].instruments" if own else "instruments"
-            names: set[str] = set()
+            field = f"drones[{index}].instruments" if self._has_own_instruments(index) else "instruments"
             for place, instrument in enumerate(drone.instruments or ()):
-                if instrument.name in names:
-                    raise self._fail(
-                        f"{field}[{place}].name", f"two instruments of one drone are called {instrument.name}"
-                    )
-                names.add(instrument.name)
                 try:
-                    make_instrument(instrument.type, instrument.name, instrument.options)
                     make_emulator(instrument.type, np.random.default_rng(0))
                 except SensorError as error:
                     raise self._fail(f"{field}[{place}].type", str(error)) from error
 
-    def _altitudes(self, count: int) -> None:
+    def _altitudes(self) -> None:
         formation, limits = self._config.formation, self._config.limits
-        if limits.floor_above_home_m >= limits.ceiling_above_home_m:
-            raise self._fail("limits.floor_above_home_m", "the floor is not below the ceiling")
         if not limits.floor_above_home_m < formation.above_home_m < limits.ceiling_above_home_m:
             raise self._fail(
                 "formation.above_home_m",
                 f"{formation.above_home_m:g} m is not between the floor ({limits.floor_above_home_m:g} m) "
                 f"and the ceiling ({limits.ceiling_above_home_m:g} m) of limits",
             )
-        layers = min(count, formation.layers)
-        top_m = formation.above_home_m + formation.layer_gap_m * layers
-        if top_m > limits.ceiling_above_home_m:
+        if formation.above_home_m - limits.floor_above_home_m < limits.separation_m:
             raise self._fail(
-                "formation.layer_gap_m",
-                f"the highest of {layers} layers is at {top_m:g} m, above limits.ceiling_above_home_m = "
-                f"{limits.ceiling_above_home_m:g} m; raise the ceiling or take fewer or thinner layers",
+                "formation.above_home_m",
+                f"below {formation.above_home_m:g} m there is no room over limits.floor_above_home_m = "
+                f"{limits.floor_above_home_m:g} m for an heir to pass under the others; fly higher",
             )
         if formation.layer_gap_m < limits.separation_m:
             raise self._fail(
@@ -288,23 +313,24 @@ class _Checks:
                 f"{limits.separation_m:g} m; drones crossing in two layers would come too near",
             )
 
-    def _formation(self, count: int) -> None:
-        formation = self._config.formation
-        layout = make_layout(formation.layout, formation.spacing_m)
-        for problem in layout.problems(count, self._config.limits.separation_m, formation.radio_range_m):
-            raise self._fail("formation", problem)
-
-    def _fence(self, drones: tuple[SurveyDrone, ...]) -> Geofence | None:
+    def _geofence(self) -> Geofence | None:
         given = self._config.geofence
         if given is None:
             return None
-        fence = (
-            self._fence_file(given)
-            if given.file is not None
-            else Geofence(given.inclusion, given.exclusion, given.inclusion_circles, given.exclusion_circles)
-        )
-        for problem in fence.problems():
-            raise self._fail("geofence", problem)
+        areas = (given.inclusion, given.exclusion, given.inclusion_circles, given.exclusion_circles)
+        if given.file is None:
+            return Geofence(*areas)
+        if any(areas):
+            raise self._fail("geofence.file", "give either a file or areas, not both")
+        path = pathlib.Path(self._file).parent / given.file
+        fence = read_plan(path).geofence
+        if fence is None:
+            raise self._fail("geofence.file", f"{path} has no geofence")
+        return fence
+
+    def _in_the_fence(self, drones: tuple[SurveyDrone, ...], fence: Geofence | None) -> None:
+        if fence is None:
+            return
         local = LocalFence(self._frame, fence)
         margin_m = self._config.limits.fence_margin_m
         for index, drone in enumerate(drones):
@@ -324,31 +350,6 @@ class _Checks:
             self._warnings.append(
                 f"{self._file}: plume: its source lies outside the geofence: the swarm cannot reach it"
             )
-        return fence
-
-    def _fence_file(self, given: SurveyFence) -> Geofence:
-        from mission.plan_file import read_plan
-
-        if given.inclusion or given.exclusion or given.inclusion_circles or given.exclusion_circles:
-            raise self._fail("geofence.file", "give either a file or areas, not both")
-        path = pathlib.Path(self._file).parent / str(given.file)
-        fence = read_plan(path).geofence
-        if fence is None:
-            raise self._fail("geofence.file", f"{path} has no geofence")
-        return fence
-
-    def _strategy(self) -> None:
-        from mission.search import make
-
-        formation, strategy = self._config.formation, self._config.strategy
-        try:
-            make(
-                strategy.name,
-                layout=make_layout(formation.layout, formation.spacing_m),
-                **strategy.parameters,
-            )
-        except (ValueError, TypeError) as error:
-            raise self._fail("strategy", str(error)) from error
 
     def _faults(self, drones: tuple[SurveyDrone, ...]) -> None:
         by_id = {drone.id: drone for drone in drones}

@@ -62,6 +62,7 @@ def test_a_file_that_is_not_text(tmp_path: pathlib.Path) -> None:
         ("  spacing_m: 10.0", "  spacing_m: 3.5", ["formation", "must stay 4 m apart"]),
         ("radio_range_m: 60.0", "radio_range_m: 8.0", ["formation", "radio"]),
         ("above_home_m: 10.0\n\n", "above_home_m: 70.0\n\n", ["formation.above_home_m", "ceiling"]),
+        ("above_home_m: 10.0\n\n", "above_home_m: 5.0\n\n", ["formation.above_home_m", "heir"]),
         ("ceiling_above_home_m: 60.0", "ceiling_above_home_m: 30.0", ["formation.layer_gap_m", "highest of 5"]),
         ("above_home_m: 10.0\n\n", "above_home_m: 10.0\n  layer_gap_m: 2.0\n\n", ["formation.layer_gap_m"]),
         ("[38.405081, 14.965175]", "[38.4020, 14.9600]", ["geofence", "cross"]),
