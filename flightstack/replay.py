@@ -9,7 +9,7 @@ import msgspec
 from flightstack.agent import Agent, Inputs
 from flightstack.config import DroneConfig
 from flightstack.errors import FlightstackError
-from flightstack.recording import read_recording
+from flightstack.recording import read_recording, restore
 from flightstack.runner import fingerprint
 
 
@@ -32,12 +32,12 @@ def replay(path: pathlib.Path) -> Replay:
     now: int | None = None
     for record in read_recording(path):
         if record.topic == "/config":
-            config = msgspec.convert(record.message["config"], DroneConfig)
+            config = restore(record.message["config"], DroneConfig)
             agent = Agent(config, incarnation=record.message["incarnation"])
         elif agent is None:
             raise ReplayError(f"{path}: the recording does not begin with the drone's configuration")
         elif record.topic == "/inputs":
-            outputs = agent.step(record.time_s, msgspec.convert(record.message, Inputs))
+            outputs = agent.step(record.time_s, restore(record.message, Inputs))
             now = fingerprint(outputs)
         elif record.topic == "/outputs" and now is not None:
             ticks += 1
