@@ -31,7 +31,7 @@ def position_setpoint(
 ) -> Any:
     """SET_POSITION_TARGET_GLOBAL_INT for a point of the swarm's frame.
 
-    ArduPilot gets the altitude over its own home, found through heights above mean sea level. Where home is not known,
+    ArduPilot gets the altitude over its own home, found through heights above mean sea level. Where home is unknown,
     and for PX4 always, it is the height above mean sea level itself: PX4 misreads an altitude over home when its home
     is not at the height of its estimator's origin, by twice the difference (mavlink_receiver.cpp).
     """
