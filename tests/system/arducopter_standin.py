@@ -1,0 +1,51 @@
+#!/usr/bin/env python3
+"""Takes the options of ArduCopter and runs our simulated vehicle: it tests the harness, not the agent."""
+
+from __future__ import annotations
+
+import argparse
+import pathlib
+import signal
+import threading
+
+from mission.frames import Geodetic
+from simvehicle.config import FleetConfig, VehicleSpec, WindConfig
+from simvehicle.fleet import Fleet, run
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(allow_abbrev=False)
+    parser.add_argument("--home", required=True)
+    parser.add_argument("--speedup", type=float, required=True)
+    parser.add_argument("--sysid", type=int, required=True)
+    parser.add_argument("--defaults", required=True)
+    for ignored in ("--model", "--instance", "--rc-in-port"):
+        parser.add_argument(ignored, required=True)
+    for number in range(3):
+        parser.add_argument(f"--serial{number}", required=True)
+    options = parser.parse_args()
+    parameters = {}
+    for file in options.defaults.split(","):
+        for line in pathlib.Path(file).read_text(encoding="utf-8").splitlines():
+            name, value = line.split()
+            parameters[name] = float(value)
+    wind = WindConfig(speed_mps=parameters.pop("SIM_WIND_SPD"), from_deg=parameters.pop("SIM_WIND_DIR"))
+    latitude_deg, longitude_deg, amsl_m, _ = map(float, options.home.split(","))
+    links = [getattr(options, f"serial{n}").replace("udpclient:", "udpout:") for n in range(3)]
+    pathlib.Path("eeprom.bin").write_bytes(b"")  # as ArduCopter does, where it is started
+    fleet = Fleet(
+        FleetConfig(
+            origin=Geodetic(latitude_deg, longitude_deg, amsl_m),
+            vehicles=(VehicleSpec(id=options.sysid, links=tuple(links), parameters=parameters),),
+            wind=wind,
+            speedup=options.speedup,
+            seed=options.sysid,
+        )
+    )
+    stop = threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: stop.set())
+    run(fleet, stop)
+
+
+if __name__ == "__main__":
+    main()

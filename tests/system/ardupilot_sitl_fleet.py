@@ -1,0 +1,237 @@
+"""Real ArduCopters in the place of the simulated vehicles: python ardupilot_sitl_fleet.py --config fleet.yaml
+
+It reads the same file as `simvehicle run`, starts one ArduCopter (its own physics) for each vehicle, and gives the
+vehicles what they cannot bring themselves: the instruments, fed from our world at the positions that they report,
+and the record of where they were. ARDUCOPTER_SITL names the program, ARDUCOPTER_DEFAULTS its parameter file.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pathlib
+import shutil
+import signal
+import socket
+import sys
+import tempfile
+from collections.abc import Iterator
+from typing import Any, TextIO
+
+import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from flightstack.autopilot.framing import FrameReader
+from flightstack.autopilot.modes import Flavour, mode_name
+from flightstack.autopilot.session import EVENTS, STATES
+from flightstack.autopilot.streams import StreamRequests
+from flightstack.autopilot.telemetry import Telemetry
+from flightstack.clock import WallClock
+from flightstack.link import ByteLink, open_link
+from mission.documents import parse
+from mission.frames import Vector3
+from simvehicle.config import FleetConfig, VehicleSpec
+from simvehicle.dynamics import in_body
+from simvehicle.instruments import Air, make_emulator
+from simvehicle.processes import Processes
+from simvehicle.truth import COLUMNS
+from simvehicle.world import World
+from simvehicle.worlds import make_world
+
+HOST = "127.0.0.1"
+PERIOD_S = 0.1
+"""Simulated seconds, also of the record."""
+MONITOR = 250
+"""Our MAVLink system id on the third serial port of every vehicle."""
+
+
+class Monitor:
+    """Watches one vehicle over a MAVLink port of its own, as the agent does, but asks it for nothing else."""
+
+    def __init__(self, spec: VehicleSpec, world: World) -> None:
+        self.vehicle = Telemetry(spec.id, world.frame, Flavour.ARDUPILOT)
+        self.link: ByteLink = open_link(f"udpin:{HOST}:{free_port()}")
+        self._reader = FrameReader(spec.id, STATES, EVENTS)
+        self._streams = StreamRequests()
+        self._encoder = mavlink.MAVLink(
+            None, srcSystem=MONITOR, srcComponent=mavlink.MAV_COMP_ID_MISSIONPLANNER
+        )
+
+    def step(self, now_s: float) -> None:
+        for message in self._reader.read(now_s, self.link.read()):
+            if self.vehicle.accept(now_s, message):
+                self._streams.received(now_s, message.get_msgId())
+                if message.get_type() == "COMMAND_ACK" and message.target_system == MONITOR:
+                    self._streams.acknowledge(now_s, message.command, message.result)
+        self.vehicle.clear_news()
+        for message in self._streams.step(now_s, self.vehicle):
+            self._send(message)
+
+    def _send(self, message: Any) -> None:
+        self.link.write(message.pack(self._encoder))
+        self._encoder.seq = (self._encoder.seq + 1) % 256
+
+
+class Member:
+    """One vehicle: its monitor and its instruments."""
+
+    def __init__(self, spec: VehicleSpec, fleet: FleetConfig, world: World) -> None:
+        self.spec = spec
+        self.monitor = Monitor(spec, world)
+        self._world = world
+        self._home: Vector3 = (spec.home_north_m, spec.home_east_m, 0.0)
+        self._instruments = [
+            (
+                make_emulator(item.type, np.random.default_rng([fleet.seed, spec.id, index])),
+                open_link(f"tcpin:{item.port}"),
+            )
+            for index, item in enumerate(spec.instruments)
+        ]
+
+    @property
+    def position_ned_m(self) -> Vector3:
+        return self.monitor.vehicle.position_ned_m() or self._home
+
+    def step(self, now_s: float) -> None:
+        self.monitor.step(now_s)
+        vehicle = self.monitor.vehicle
+        wind = self._world.wind.wind_ned_mps(self.position_ned_m, now_s)
+        own = vehicle.velocity_ned_mps or (0.0, 0.0, 0.0)
+        relative = (wind[0] - own[0], wind[1] - own[1], wind[2] - own[2])
+        air = Air(
+            co2_ppm=self._world.co2_ppm(self.position_ned_m, now_s),
+            wind_body_mps=in_body(relative, vehicle.attitude_rad or (0.0, 0.0, 0.0)),
+        )
+        for emulator, link in self._instruments:
+            emulator.receive(now_s, link.read())
+            link.write(emulator.step(now_s, air))
+
+    def row(self, now_s: float) -> str:
+        vehicle = self.monitor.vehicle
+        mode = "" if vehicle.custom_mode is None else mode_name(Flavour.ARDUPILOT, vehicle.custom_mode)
+        position = self.position_ned_m
+        numbers = ",".join(f"{value:.3f}" for value in position)
+        state = f"{vehicle.is_airborne(now_s):d},{vehicle.armed:d},{mode}"
+        battery = 1.0 if vehicle.battery_fraction is None else vehicle.battery_fraction
+        co2_ppm = self._world.co2_ppm(position, now_s)
+        return f"{now_s:.2f},{self.spec.id},{numbers},{state},{co2_ppm:.2f},{battery:.3f}\n"
+
+    def close(self) -> None:
+        self.monitor.link.close()
+        for _, link in self._instruments:
+            link.close()
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind((HOST, 0))
+        return int(probe.getsockname()[1])
+
+
+def command_line(
+    program: str,
+    defaults: str,
+    spec: VehicleSpec,
+    fleet: FleetConfig,
+    world: World,
+    monitor: str,
+    directory: pathlib.Path,
+) -> list[str]:
+    """How to start the ArduCopter of one vehicle: all its MAVLink ports are UDP clients of 127.0.0.1."""
+    own = directory / "own.parm"
+    parameters = {
+        "SIM_WIND_SPD": fleet.wind.speed_mps,
+        "SIM_WIND_DIR": fleet.wind.from_deg,
+        **spec.parameters,
+    }
+    own.write_text("".join(f"{name} {value:g}\n" for name, value in parameters.items()), encoding="utf-8")
+    home = world.frame.to_geodetic((spec.home_north_m, spec.home_east_m, 0.0))
+    ports = [link.replace("udpout:", "udpclient:") for link in spec.links] + [
+        monitor.replace("udpin:", "udpclient:")
+    ]
+    serials = [part for number, port in enumerate(ports) for part in (f"--serial{number}", port)]
+    return [
+        # It keeps its parameters in the directory that it is started in.
+        "/bin/sh", "-c", 'cd "$1" && shift && exec "$@"', "sh", str(directory), program,
+        "--model", "+",
+        "--speedup", f"{fleet.speedup:g}",
+        "--home", f"{home.latitude_deg:.7f},{home.longitude_deg:.7f},{home.amsl_m:.2f},0",
+        "--defaults", f"{defaults},{own}" if defaults else str(own),
+        "--sysid", str(spec.id),
+        "--instance", str(spec.id),
+        "--rc-in-port", str(free_port()),
+        *serials,
+    ]  # fmt: skip
+
+
+@contextlib.contextmanager
+def running(fleet: FleetConfig, world: World, logs: pathlib.Path) -> Iterator[list[Member]]:
+    """All vehicles, up to the end of the block."""
+    program = shutil.which(os.environ["ARDUCOPTER_SITL"])
+    if program is None:
+        raise SystemExit(f"ARDUCOPTER_SITL: {os.environ['ARDUCOPTER_SITL']} is not a program")
+    defaults = os.environ.get("ARDUCOPTER_DEFAULTS", "")
+    with contextlib.ExitStack() as open_ends:
+        members = []
+        processes = open_ends.enter_context(Processes(logs))
+        for spec in fleet.vehicles:
+            member = Member(spec, fleet, world)
+            open_ends.callback(member.close)
+            directory = pathlib.Path(
+                open_ends.enter_context(tempfile.TemporaryDirectory(prefix="arducopter-"))
+            )
+            command = command_line(
+                os.path.abspath(program),
+                defaults,
+                spec,
+                fleet,
+                world,
+                member.monitor.link.describe,
+                directory,
+            )
+            processes.start(f"arducopter-{spec.id}", command)
+            members.append(member)
+        open_ends.callback(processes.stop)  # before the directories go
+        yield members
+
+
+def fly(fleet: FleetConfig, truth: TextIO) -> None:
+    world = make_world(fleet)
+    clock = WallClock(fleet.speedup)
+    start_s = clock.now_s()
+    stopped: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, _frame: stopped.append(number))
+    truth.write(",".join(COLUMNS) + "\n")
+    with running(fleet, world, pathlib.Path(truth.name).parent) as members:
+        ticks = 0
+        while not stopped:
+            ticks += 1
+            now_s = ticks * PERIOD_S
+            clock.sleep_until(start_s + now_s)
+            for member in members:
+                member.step(now_s)
+                truth.write(member.row(now_s))
+            if ticks % 10 == 0:
+                truth.flush()
+
+
+def fleet_command(part: str, config: pathlib.Path) -> list[str]:
+    """As `simvehicle.launch.installed`, with this file in the place of the vehicles."""
+    from simvehicle.launch import installed
+
+    return (
+        [sys.executable, __file__, "--config", str(config)] if part == "vehicles" else installed(part, config)
+    )
+
+
+def main() -> None:
+    path = pathlib.Path(sys.argv[sys.argv.index("--config") + 1])
+    fleet = parse(path.read_text(encoding="utf-8"), FleetConfig, str(path))
+    assert fleet.truth is not None
+    with pathlib.Path(fleet.truth).open("w", encoding="utf-8") as truth:
+        fly(fleet, truth)
+
+
+if __name__ == "__main__":
+    main()
