@@ -15,6 +15,7 @@ from collections.abc import AsyncIterator, Awaitable, Sequence
 from typing import Any, TypeVar
 
 from flightstack.autopilot.modes import Flavour
+from flightstack.link import open_link
 from gcs.errors import GroundError
 from gcs.mission_items import (
     FenceAction,
@@ -34,6 +35,8 @@ from mission.plan_file import Plan
 log = logging.getLogger("gcs.mavsdk")
 
 DISCOVERY_S = 8.0
+FLAVOUR_S = 3.0
+_FLAVOURS = {"PX4": Flavour.PX4, "ARDUPILOT": Flavour.ARDUPILOT}
 _T = TypeVar("_T")
 _SERIAL = re.compile(r"(?P<port>/\S+?|COM\d+),(?P<baud>\d+)")
 
@@ -71,6 +74,7 @@ async def open_vehicle(links: Sequence[str], drone: int, system: int) -> AsyncIt
     client = Mavsdk(Configuration.create_manual(system, 190, True))
     try:
         for link in links:
+            _check(link)
             try:
                 await client.add_any_connection(mavsdk_url(link))
             except MavsdkConnectionError as error:
@@ -78,9 +82,17 @@ async def open_vehicle(links: Sequence[str], drone: int, system: int) -> AsyncIt
                 raise GroundError(
                     f"link {link}: {problem}; if a ground station is running on it, stop it or give another --link"
                 ) from error
-        yield Vehicle(await _find(client, drone, links), drone)
+        found = await _find(client, drone, links)
+        yield Vehicle(found, drone, await _flavour(found, drone))
     finally:
         client.destroy()
+
+
+def _check(link: str) -> None:
+    """Open and close a link ourselves first: MAVSDK shares a UDP port silently with who already has it, and the
+    vehicle's answers then go to either; and its words for an absent serial port are less clear than ours."""
+    if not link.startswith(("tcp:", "udpout:")):
+        open_link(link).close()
 
 
 def _to_log(level: int, message: str, file: str | None, line: int) -> bool:
@@ -104,31 +116,38 @@ async def _find(client: Any, drone: int, links: Sequence[str]) -> Any:
     raise VehicleError(f"drone {drone}: its autopilot is not heard on {', '.join(links)}{others}")
 
 
+async def _flavour(system: Any, drone: int) -> Flavour:
+    """Which autopilot it is. MAVSDK knows a little after it has found it, and writes parameters as it demands."""
+    deadline = time.monotonic() + FLAVOUR_S
+    while True:
+        kind = str((await system.autopilot_type()).name)
+        if kind in _FLAVOURS:
+            return _FLAVOURS[kind]
+        if time.monotonic() > deadline:
+            raise VehicleError(f"drone {drone}: neither an ArduPilot nor a PX4 (MAVSDK says {kind.lower()})")
+        await asyncio.sleep(0.05)
+
+
 class Vehicle:
     """One vehicle's autopilot. Every method raises `VehicleError` with the autopilot's own reason."""
 
-    def __init__(self, system: Any, drone: int) -> None:
+    def __init__(self, system: Any, drone: int, flavour: Flavour) -> None:
         from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
         from mavsdk.asyncio.plugins.param import ParamAsync
 
         self.drone = drone
-        self._system = system
+        self.flavour = flavour
         self._mission = MissionRawAsync(system)
         self._param = ParamAsync(system)
-
-    async def flavour(self) -> Flavour:
-        kind = (await self._system.autopilot_type()).name
-        return {"PX4": Flavour.PX4, "ARDUPILOT": Flavour.ARDUPILOT}.get(kind, Flavour.UNKNOWN)
 
     # -- plans and fences ----------------------------------------------------------------------------------
 
     async def upload_plan(self, plan: Plan) -> int:
         """Upload the mission and the rally points and read the mission back; returns its number of items."""
-        flavour = await self.flavour()
-        items = mission_items(plan, flavour)
+        items = mission_items(plan, self.flavour)
         await self._ask("mission upload", self._mission.upload_mission(_raw(items)))
         read = _own(await self._ask("mission download", self._mission.download_mission()))
-        first = 1 if flavour is Flavour.ARDUPILOT else 0  # home reads back as the vehicle's own
+        first = 1 if self.flavour is Flavour.ARDUPILOT else 0  # home reads back as the vehicle's own
         self._verify("mission", differences(items[first:], read[first:]))
         if plan.rally:
             points = rally_items(plan.rally)
@@ -139,11 +158,10 @@ class Vehicle:
 
     async def download_plan(self) -> Plan:
         """Mission, geofence and rally points as the vehicle holds them."""
-        flavour = await self.flavour()
         mission = _own(await self._ask("mission download", self._mission.download_mission()))
         fence = _own(await self._ask("fence download", self._mission.download_geofence()))
         rally = _own(await self._ask("rally download", self._mission.download_rallypoints()))
-        items, home = plan_items(mission, flavour)
+        items, home = plan_items(mission, self.flavour)
         try:
             geofence = fence_of(fence)
         except ValueError as error:
@@ -153,20 +171,19 @@ class Vehicle:
             home=home,
             geofence=geofence,
             rally=rally_points(rally),
-            firmware_type=3 if flavour is Flavour.ARDUPILOT else 12,
+            firmware_type=3 if self.flavour is Flavour.ARDUPILOT else 12,
         )
 
     async def upload_fence(self, fence: Geofence, action: FenceAction) -> dict[str, float]:
         """Upload the fence, read it back, and set what makes the autopilot heed it; returns those parameters."""
-        flavour = await self.flavour()
         items = fence_items(fence)
         await self._ask("fence upload", self._mission.upload_geofence(_raw(items)))
         read = _own(await self._ask("fence download", self._mission.download_geofence()))
         self._verify("fence", differences(items, read))
         present = {}
-        if flavour is not Flavour.PX4:
+        if self.flavour is not Flavour.PX4:
             present = {name: await self.parameter(name) for name in ("FENCE_TYPE", "FENCE_OPTIONS")}
-        wanted = fence_parameters(fence, action, flavour, present)
+        wanted = fence_parameters(fence, action, self.flavour, present)
         for name, value in wanted.items():
             await self.set_parameter(name, value)
         return wanted
@@ -211,8 +228,8 @@ class Vehicle:
             return float(await self._param.get_param_float(name)), False
         except ParamError as error:
             if error.result is not ParamResult.WRONG_TYPE:
-                unknown = error.result in (ParamResult.TIMEOUT, ParamResult.DOES_NOT_EXIST)
-                hint = " (an unknown parameter is answered by silence)" if unknown else ""
+                silent = error.result is ParamResult.TIMEOUT
+                hint = " (ArduPilot answers an unknown parameter by silence)" if silent else ""
                 raise VehicleError(f"drone {self.drone}: {name}: {_reason(error)}{hint}") from error
         return float(await self._ask(name, self._param.get_param_int(name))), True
 

@@ -40,10 +40,13 @@ class Stop:
 class Recordings:
     """One timeline of the swarm, and one MAVLink log a vehicle, opened when the vehicle is first heard."""
 
-    def __init__(self, directory: pathlib.Path, stamp: str) -> None:
+    def __init__(self, directory: pathlib.Path, now_s: float) -> None:
+        now = datetime.datetime.now(datetime.UTC)
         self._directory = directory
-        self._stamp = stamp
-        self.timeline = FlightRecorder(directory / f"swarm-{stamp}.mcap")
+        self._stamp = now.strftime("%Y%m%dT%H%M%SZ")
+        self._unix_at_zero_s = now.timestamp() - now_s
+        """Common to all logs, so that they fit together."""
+        self.timeline = FlightRecorder(directory / f"swarm-{self._stamp}.mcap")
         self._logs: dict[int, TlogWriter] = {}
 
     def write(self, now_s: float, outputs: StationOutputs) -> None:
@@ -53,8 +56,13 @@ class Recordings:
             tlog = self._logs.get(frame.system)
             if tlog is None:
                 path = self._directory / f"vehicle-{frame.system}-{self._stamp}.tlog"
-                tlog = self._logs[frame.system] = TlogWriter(path)
+                tlog = self._logs[frame.system] = TlogWriter(path, self._unix_at_zero_s)
             tlog.write(now_s, frame.data)
+
+    def problems(self) -> set[str]:
+        """Why a recording has ended before its time (the disk is full), a line each."""
+        found = {self.timeline.problem, *(tlog.problem for tlog in self._logs.values())}
+        return found - {""}
 
     def close(self) -> None:
         self.timeline.close()
@@ -86,8 +94,7 @@ def serve(config: GroundConfig, file: pathlib.Path) -> int:
         for link in links:
             link.close()
         raise
-    stamp = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
-    recordings = Recordings(directory, stamp)
+    recordings = Recordings(directory, clock.now_s())
     recordings.timeline.record("/config", clock.now_s(), config)
     log.info(
         "ground station %s of swarm %s ready: %d MAVLink links, recording to %s",
@@ -119,6 +126,7 @@ def _loop(
     period_s = 1.0 / config.tick_hz
     due_s = clock.now_s()
     problems = [""] * len(links)
+    said: set[str] = set()
     while not stop.asked:
         clock.sleep_until(due_s)
         received = transport.receive()
@@ -137,5 +145,8 @@ def _loop(
             if link.problem != problems[index]:
                 problems[index] = link.problem
                 log.warning("%s: %s", link.describe, link.problem or "works again")
+        for problem in recordings.problems() - said:
+            said.add(problem)
+            log.error("recording: %s", problem)
         # Ticks that are past are not made up: after a stall the station goes on with the present.
         due_s = max(due_s + period_s, clock.now_s() - period_s)

@@ -36,6 +36,8 @@ from mission.geofence import Geofence, LocalFence
 HEARTBEAT_HZ = 1.0
 TRAFFIC_POSITION_MAX_AGE_S = 5.0
 """A vehicle whose last position is older is no use as an obstacle: it may be anywhere."""
+_EARLY_FRAMES = 200
+"""Kept of a system that may turn out to be a vehicle."""
 
 
 class TimelineEntry(msgspec.Struct, frozen=True):
@@ -77,6 +79,7 @@ class Station:
         self._publish: list[tuple[Topic, msgspec.Struct]] = []
         self._timeline: list[TimelineEntry] = []
         self._frames: list[Frame] = []
+        self._early: dict[int, list[Frame]] = {}
         self._log: list[tuple[Severity, str]] = []
         self._sent_s: dict[str, float] = {}
         self._sequence = 0
@@ -106,12 +109,20 @@ class Station:
         for message in self._ports[index].decode(data):
             component = self.fleet.receive_mavlink(now_s, index, message)
             system = component.source.system
-            if system in self.fleet.vehicles.systems():
-                self._frames.append(Frame(system, bytes(message.get_msgbuf())))
+            self._log_frame(Frame(system, bytes(message.get_msgbuf())))
             for report in component.take_reports():
                 self._timeline.append(TimelineEntry(f"/statustext/{system}", report._asdict()))
                 if not self.fleet.agent_live(system, now_s) and report.severity <= 4:
                     self._event(Severity.WARNING, system, "statustext", report.text)
+
+    def _log_frame(self, frame: Frame) -> None:
+        """Into the vehicle's log; what came before its first heartbeat waits until it is known as a vehicle."""
+        early = self._early.setdefault(frame.system, [])
+        early.append(frame)
+        if frame.system in self.fleet.vehicles.systems():
+            self._frames += early
+            early.clear()
+        del early[:-_EARLY_FRAMES]
 
     def _receive_peer(self, now_s: float, received: Received) -> None:
         message = self.fleet.receive_peer(now_s, received)
