@@ -1,0 +1,353 @@
+"""The operator's commands as processes, on a real network, against stand-ins for the agents."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import pty
+import re
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import termios
+import threading
+import time
+from collections.abc import Iterator
+from fcntl import ioctl
+
+import msgspec
+import pytest
+
+from flightstack import topics
+from flightstack.transport.zenoh_transport import ZenohTransport
+from flightstack.wire import Command, DroneState, Outcome, Phase, Result
+from mission.frames import Geodetic, LocalFrame
+from mission.observation import Scalar, Wind
+
+pytestmark = pytest.mark.system
+
+ORIGIN = Geodetic(-5.06, 151.3, 500.0)
+FRAME = LocalFrame(ORIGIN)
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+class StandIns:
+    """Agents that say they fly, and answer commands, from one thread."""
+
+    def __init__(self, drones: tuple[int, ...], ground: str, refusing: tuple[int, ...] = ()) -> None:
+        self.heard: list[tuple[int, Command]] = []
+        self.silent: set[int] = set()
+        self._refusing = refusing
+        self._nodes = {
+            drone: ZenohTransport(
+                "test", drone, [f"tcp/127.0.0.1:{free_port()}"], [ground], [topics.COMMAND], None
+            )
+            for drone in drones
+        }
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self) -> None:
+        sequence = 0
+        while not self._stop.wait(0.1):
+            sequence += 1
+            for drone, node in self._nodes.items():
+                for received in node.receive():
+                    command = topics.COMMAND.codec.decode(received.payload)
+                    if command.target in (0, drone) and drone not in self.silent:
+                        self.heard.append((drone, command))
+                        refused = drone in self._refusing
+                        outcome = Outcome(
+                            command.identity,
+                            drone,
+                            Result.REFUSED if refused else Result.ACCEPTED,
+                            "not ready: zeroing" if refused else "",
+                        )
+                        node.publish(topics.OUTCOME, topics.OUTCOME.codec.encode(outcome))
+                if drone not in self.silent:
+                    node.publish(topics.STATE, topics.STATE.codec.encode(self._state(drone, sequence)))
+
+    def _state(self, drone: int, sequence: int) -> DroneState:
+        return DroneState(
+            sender=drone,
+            incarnation=drone,
+            sequence=sequence,
+            frame=FRAME.identity,
+            phase=Phase.SEARCHING,
+            position_ned_m=(10.0 * drone, 0.0, -10.0 - drone),
+            velocity_ned_mps=(0.0, 0.0, 0.0),
+            heading_rad=0.0,
+            home_ned_m=(0.0, 0.0, 0.0),
+            armed=True,
+            airborne=True,
+            mode="GUIDED",
+            battery_fraction=0.2 if drone == 2 else 0.9,
+            co2_ppm=460.0,
+            excess_co2_ppm=Scalar(40.0 + drone, 4.0, 0.1),
+            wind=Wind((-3.0, 0.0, 0.0), 0.2, 0.1),
+            epoch=2,
+            slot=drone - 1,
+            parent=None if drone == 1 else 1,
+            healing=False,
+            tracking_best_ppm=50.0,
+            ticks=sequence,
+        )
+
+    def close(self) -> None:
+        self._stop.set()
+        self._thread.join()
+        for node in self._nodes.values():
+            node.close()
+
+
+@pytest.fixture
+def site(tmp_path):
+    """A ground.yaml for three members, with the ground station's endpoint."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    config = {
+        "swarm": {"name": "test", "members": [1, 2, 3], "listen": [endpoint]},
+        "origin": msgspec.to_builtins(ORIGIN),
+        "record_to": str(tmp_path / "flights"),
+    }
+    path = tmp_path / "ground.yaml"
+    path.write_text(json.dumps(config))
+    return path, endpoint
+
+
+@contextlib.contextmanager
+def serving(path) -> Iterator[subprocess.Popen[str]]:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "gcs.cli", "serve", "--config", str(path)], stderr=subprocess.PIPE, text=True
+    )
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGTERM)
+        process.communicate(timeout=20)
+
+
+@contextlib.contextmanager
+def agents(endpoint, drones=(1, 2, 3), refusing=()) -> Iterator[StandIns]:
+    swarm = StandIns(drones, endpoint, refusing)
+    try:
+        yield swarm
+    finally:
+        swarm.close()
+
+
+def gcs(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "gcs.cli", *arguments], capture_output=True, text=True, timeout=60
+    )
+
+
+def test_a_command_that_everybody_accepts(site):
+    path, endpoint = site
+    with serving(path), agents(endpoint) as swarm:
+        done = gcs("survey", "start", "--config", str(path), "--deadline", "15")
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.splitlines() == [f"drone {n}: accepted" for n in (1, 2, 3)]
+        identities = {command.identity for _, command in swarm.heard}
+        assert len(identities) == 1
+        assert {command.name for _, command in swarm.heard} == {"start"}
+
+
+def test_refusals_silence_and_absence_are_told_apart(site):
+    path, endpoint = site
+    with serving(path), agents(endpoint, drones=(1, 2), refusing=(2,)):
+        done = gcs("survey", "pause", "--config", str(path), "--deadline", "15", "--json")
+        assert done.returncode == 1
+        report = json.loads(done.stdout)
+        assert report["accepted"] is False
+        assert [(d["drone"], d["result"]) for d in report["drones"]] == [
+            (1, "accepted"),
+            (2, "refused"),
+            (3, "not heard"),
+        ]
+        assert report["drones"][1]["reason"] == "not ready: zeroing"
+
+
+def test_one_drone_by_name_without_a_file(site):
+    path, endpoint = site
+    with serving(path), agents(endpoint) as swarm:
+        done = gcs(
+            "survey", "land", "--drone", "2", "--swarm", "test", "--connect", endpoint, "--deadline", "15"
+        )
+        assert done.returncode == 0, done.stderr
+        assert done.stdout == "drone 2: accepted\n"
+        assert {drone for drone, _ in swarm.heard} == {2}
+
+
+def test_status_reports_everybody(site):
+    path, endpoint = site
+    with serving(path), agents(endpoint):
+        done = gcs("status", "--config", str(path), "--seconds", "4", "--json")
+        assert done.returncode == 0, done.stderr
+        report = json.loads(done.stdout)
+        assert report["station"] == "ground"
+        assert [d["drone"] for d in report["drones"]] == [1, 2, 3]
+        one = report["drones"][0]
+        assert (one["agent"], one["phase"], one["mode"], one["slot"]) == ("live", "searching", "GUIDED", 0)
+        where = FRAME.to_geodetic((10.0, 0.0, -11.0))
+        assert one["latitude_deg"] == pytest.approx(where.latitude_deg, abs=1e-9)
+        assert one["above_home_m"] == pytest.approx(11.0)
+        assert one["excess_co2_ppm"] == pytest.approx(41.0)
+        assert one["wind_from_deg"] == pytest.approx(0.0)
+        assert one["agent_age_s"] < 2.0
+        text = gcs("status", "--config", str(path), "--seconds", "4").stdout
+        assert "3 of 3 live" in text
+        assert "WARN battery" in text
+
+
+def test_status_when_nobody_is_there(site):
+    done = gcs("status", "--swarm", "test", "--connect", site[1], "--seconds", "0.5")
+    assert done.returncode == 1
+    assert "no drone heard" in done.stderr
+
+
+def test_the_station_records_the_swarm_and_ends_cleanly(site, tmp_path):
+    from flightstack.recording import read_recording
+
+    path, endpoint = site
+    with serving(path) as station, agents(endpoint):
+        assert gcs("survey", "pause", "--config", str(path), "--deadline", "15").returncode == 0
+        station.send_signal(signal.SIGINT)
+        _, log = station.communicate(timeout=20)
+    assert station.returncode == 0
+    assert "stopped" in log
+    assert "Traceback" not in log
+    (timeline,) = (tmp_path / "flights").glob("swarm-*.mcap")
+    heard = {record.topic for record in read_recording(timeline)}
+    assert {"/config", "/state/1", "/state/2", "/state/3", "/outcome/1", "/outcome/3"} <= heard
+    assert any(topic.startswith("/command/") for topic in heard)
+
+
+class Terminal:
+    """A program on a terminal of 80 by 24, and what it shows."""
+
+    def __init__(self, *arguments: str) -> None:
+        self._master, slave = pty.openpty()
+        ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+        environment = {k: v for k, v in os.environ.items() if k not in ("COLUMNS", "LINES", "NO_COLOR", "CI")}
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "gcs.cli", *arguments],
+            stdin=slave,
+            stdout=slave,
+            stderr=slave,
+            env=environment | {"TERM": "xterm-256color"},
+            start_new_session=True,
+        )
+        os.close(slave)
+        self.output = b""
+        self._reader = threading.Thread(target=self._read)
+        self._reader.start()
+
+    def _read(self) -> None:
+        with contextlib.suppress(OSError):  # the other end is closed when the program has ended
+            while data := os.read(self._master, 65536):
+                self.output += data
+
+    def frames(self) -> list[list[str]]:
+        """All whole pictures so far, as lines without colours: each begins by homing the cursor."""
+        text = self.output.decode(errors="replace")
+        pictures = text.split("\x1b[H")[1:-1]
+        return [
+            [line.rstrip() for line in re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", picture).splitlines()]
+            for picture in pictures
+        ]
+
+    def wait_for(self, words: str, seconds: float = 30.0) -> list[str]:
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            for frame in self.frames():
+                if any(words in line for line in frame):
+                    return frame
+            time.sleep(0.1)
+        raise AssertionError(f"{words!r} never appeared in {self.frames()[-1:]}")
+
+    def close(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait(20)
+        self._reader.join(20)
+        os.close(self._master)
+
+
+def test_watch_draws_the_swarm_and_ends_with_ctrl_c(site):
+    path, endpoint = site
+    with serving(path), agents(endpoint) as swarm:
+        terminal = Terminal("watch", "--config", str(path))
+        try:
+            frame = terminal.wait_for("3 of 3 live")
+            assert len(frame) <= 24
+            assert max(map(len, frame)) <= 80
+            (row,) = [line for line in frame if line.strip().startswith("3 ")]
+            for word in ("LIVE", "searching", "GUIDED", "13.0", "43", "3.0/000", "90%", "2<1"):
+                assert word in row.split(), word
+            swarm.silent.add(3)
+            frame = terminal.wait_for("CRIT lost")
+            (row,) = [line for line in frame if line.strip().startswith("3 ")]
+            assert "SILENT" in row
+            os.killpg(terminal.process.pid, signal.SIGINT)
+            assert terminal.process.wait(20) == 0
+            terminal._reader.join(20)
+            assert b"Traceback" not in terminal.output
+            assert b"\x1b[?25h" in terminal.output, "the cursor is given back"
+        finally:
+            terminal.close()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["status"], "which swarm?"),
+        (["status", "--swarm", "x"], "--connect"),
+        (["status", "--swarm", "x", "--connect", "nonsense"], "endpoint"),
+        (["survey", "start", "--config", "/absent/ground.yaml"], "cannot be read"),
+        (["serve", "--config", "/absent/ground.yaml"], "cannot be read"),
+        (["watch", "--swarm", "x", "--connect", "tcp/127.0.0.1:1"], "needs a terminal"),
+        (["plan", "check", "/absent/x.plan"], "cannot be read"),
+        (["param", "list", "--drone", "1"], "which link?"),
+        (["param", "list", "--drone", "1", "--link", "nonsense"], "nonsense"),
+        (["param", "list", "--drone", "1", "--link", "/dev/absent,57600"], "/dev/absent"),
+    ],
+)
+def test_what_a_user_gets_wrong_is_one_line_and_exit_code_2(arguments, words):
+    done = gcs(*arguments)
+    assert done.returncode == 2, done.stderr
+    assert done.stdout == ""
+    assert len(done.stderr.splitlines()) == 1, done.stderr
+    assert words in done.stderr
+
+
+def test_a_station_whose_link_is_taken_says_so_and_leaves_nothing_open(site):
+    path, _ = site
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        link = f"udpin:127.0.0.1:{taken.getsockname()[1]}"
+        config = json.loads(path.read_text()) | {"mavlink": {"links": [link]}}
+        path.write_text(json.dumps(config))
+        done = gcs("serve", "--config", str(path))
+    assert done.returncode == 2
+    assert link in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_every_command_explains_itself():
+    commands = [["serve"], ["survey"], ["status"], ["watch"], ["plan", "check"], ["plan", "upload"]]
+    commands += [["plan", "download"], ["fence", "upload"]]
+    commands += [["param", name] for name in ("get", "set", "list", "save")]
+    for command in [[], *commands]:
+        done = gcs(*command, "--help")
+        assert done.returncode == 0
+        assert "Usage" in done.stdout
