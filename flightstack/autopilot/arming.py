@@ -57,6 +57,9 @@ class Arm(Request):
     def step_name(self) -> str:
         return self._step.value
 
+    def is_reached(self, vehicle: Telemetry) -> bool:
+        return vehicle.armed and vehicle.is_ours
+
     @staticmethod
     def _needs_stream(vehicle: Telemetry) -> bool:
         """PX4 wants to have seen setpoints for a while before it takes Offboard."""

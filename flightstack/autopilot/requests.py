@@ -107,6 +107,10 @@ class Request:
     def same_as(self, other: Request) -> bool:
         return self.kind is other.kind
 
+    def is_reached(self, vehicle: Telemetry) -> bool:  # noqa: ARG002 (most cannot tell without going on)
+        """Whether what was asked for is so already, although the request has not seen it yet."""
+        return False
+
     def step(self, now_s: float, vehicle: Telemetry) -> list[Any]:
         """Go on; returns the messages to send now."""
         if self.result is not None:
@@ -234,6 +238,9 @@ class TakeControl(Request):
         return "setpoints first" if self._is_early else "mode"
 
     _is_early = False
+
+    def is_reached(self, vehicle: Telemetry) -> bool:
+        return vehicle.is_ours
 
     def _go_on(self, now_s: float, vehicle: Telemetry) -> list[Any]:
         if vehicle.flavour is Flavour.PX4 and self.target is None:

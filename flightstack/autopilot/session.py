@@ -213,6 +213,8 @@ class AutopilotSession:
             if self._request.same_as(request):
                 self._asked_s = now_s
                 return
+            if self._request.is_reached(self._vehicle):
+                self._request.end(now_s, Outcome.SUCCEEDED)
             self._request.end(now_s, Outcome.SUPERSEDED, f"superseded by {request.kind}")
             self._finish(now_s)
         if self._newest is not None:
