@@ -427,9 +427,10 @@ class Autopilot(abc.ABC):
             return int(mavlink.MAV_MISSION_UNSUPPORTED)
         if kind == RALLY and item.command != mavlink.MAV_CMD_NAV_RALLY_POINT:
             return int(mavlink.MAV_MISSION_UNSUPPORTED)
-        if not (abs(item.x) <= 900_000_000 and abs(item.y) <= 1_800_000_000):
+        is_place = kind != MISSION or item.command in NAVIGATION
+        if is_place and not (abs(item.x) <= 900_000_000 and abs(item.y) <= 1_800_000_000):
             return int(mavlink.MAV_MISSION_INVALID_PARAM5_X)
-        if math.isnan(item.z):
+        if is_place and math.isnan(item.z):
             return int(mavlink.MAV_MISSION_INVALID_PARAM7)
         return self.stored_item(kind, item)
 

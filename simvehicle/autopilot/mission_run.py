@@ -118,6 +118,8 @@ class MissionRun:
         return True
 
     def step(self, nav: Navigation) -> Motion:
+        if self.finished and self._maneuver is not None:
+            return self._maneuver.step(nav)
         for _ in range(len(self._items) + 1):  # a mission of jumps only must not hang the simulation
             if self._maneuver is None and not self._begin(nav):
                 break
@@ -129,11 +131,9 @@ class MissionRun:
             self.told.append((Told.REACHED, self.current))
             self._maneuver = None
             self.current += 1
-        if not self.finished:
-            self.finished = True
-            self.told.append((Told.COMPLETE, len(self._items) - 1))
-        if self._maneuver is None:
-            self._maneuver = Hold(self._last_m if nav.airborne else None)
+        self.finished = True
+        self.told.append((Told.COMPLETE, len(self._items) - 1))
+        self._maneuver = Hold(self._last_m if nav.airborne else None)
         return self._maneuver.step(nav)
 
     def _begin(self, nav: Navigation) -> bool:
