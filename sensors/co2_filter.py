@@ -16,6 +16,7 @@ from typing import Final
 
 import numpy as np
 
+from sensors.co2_bank import Snapshot, TwoModes
 from sensors.co2_model import BACKGROUND, EXCESS, RATE, READING, STATES, Array, Co2FilterConfig, Co2Model
 from sensors.health import Health
 from sensors.samples import InstrumentState, Quantity, Sample
@@ -24,8 +25,6 @@ __all__ = ["Co2Estimate", "Co2Filter", "Co2FilterConfig"]
 
 _H_READING: Final = np.array([[0.0, 0.0, 0.0, 1.0]])
 _H_EXCESS: Final = np.array([[1.0, 0.0, 0.0, 0.0]])
-_NIS_WEIGHT: Final = 0.25
-_LIVELY_MOST: Final = 1.0e4
 _WILD_MOST: Final = 6
 _CLEAN_PERIOD_S: Final = 0.5
 _CLEAN_HOLD_S: Final = 20.0
@@ -54,8 +53,7 @@ class _Step:
     """One update as it was made, so that a late reading can be put before it."""
 
     time_s: float
-    x: Array
-    p: Array
+    before: Snapshot
     state_time_s: float
     value_ppm: float
     variance_ppm2: float
@@ -66,12 +64,9 @@ class Co2Filter:
     own."""
 
     def __init__(self, config: Co2FilterConfig | None = None) -> None:
-        # Imported late: it costs a second and 95 MB, and only a process that filters shall pay.
-        from filterpy.kalman import KalmanFilter
-
         self.config = config or Co2FilterConfig()
         self._model = Co2Model(self.config)
-        self._kf = KalmanFilter(dim_x=STATES, dim_z=1)
+        self._bank = TwoModes(self.config.calm_time_s, self.config.plume_time_s)
         self._now_s: float | None = None
         self._time_s: float | None = None
         """Time of the filter's state; None: it has none."""
@@ -84,8 +79,6 @@ class Co2Filter:
         self._trouble: Sample | None = None
         self._saturated_s = -math.inf
         self._zeroed = False
-        self._nis = 1.0
-        self._lively = 1.0
         self._held: tuple[float, float] | None = None
         self._verdicts: collections.deque[bool] = collections.deque(maxlen=30)
         self._clean_until_s = -math.inf
@@ -93,6 +86,8 @@ class Co2Filter:
         self._clean_last_s = -math.inf
         self._steps: collections.deque[_Step] = collections.deque(maxlen=40)
         self._told: tuple[Health, str] = (Health.BAD, "no reading yet")
+        self.log_likelihood = 0.0
+        """Of all readings so far under the filter's own predictions: what tuning makes as large as it can."""
 
     @property
     def verdict(self) -> tuple[Health, str]:
@@ -134,8 +129,7 @@ class Co2Filter:
             self._trouble = sample
             self._zeroed = self._zeroed or sample.state is InstrumentState.ZEROING
 
-    # -- readings
-    # ---------------------------------------------------------------------------------------------
+    # -- readings ------------------------------------------------------------------------------------------
 
     def _measure(self, time_s: float, value_ppm: float) -> None:
         config = self.config
@@ -157,8 +151,8 @@ class Co2Filter:
         self._news_s = time_s
         self._learn_background(time_s)
         if time_s >= self._clean_until_s:
-            variance = float(self._kf.P[BACKGROUND, BACKGROUND])
-            self._background = (float(self._kf.x[BACKGROUND]), variance, time_s)
+            variance = float(self._bank.p[BACKGROUND, BACKGROUND])
+            self._background = (float(self._bank.x[BACKGROUND]), variance, time_s)
 
     def _begin(self, time_s: float, value_ppm: float) -> None:
         """Start with this reading; the background is kept from before, given, or taken from it."""
@@ -189,10 +183,9 @@ class Co2Filter:
         p[EXCESS, BACKGROUND] = p[BACKGROUND, EXCESS] = opposed_var
         p[READING, BACKGROUND] = p[BACKGROUND, READING] = shared_var
         p[READING, EXCESS] = p[EXCESS, READING] = excess_var + opposed_var
-        self._kf.x = np.array([excess_ppm, 0.0, background_ppm, value_ppm])
-        self._kf.P = p
-        self._time_s = time_s
-        self._nis, self._lively, self._held = 1.0, 1.0, None
+        x = np.array([excess_ppm, 0.0, background_ppm, value_ppm])
+        self._bank.begin(x, p, 0.5 if known is not None else 0.1)
+        self._time_s, self._held = time_s, None
         self._steps.clear()
         if known is not None:
             self._correct(value_ppm, noise_var)
@@ -209,17 +202,17 @@ class Co2Filter:
         return mean_ppm, variance + (config.zero_step_ppm**2 if self._zeroed else 0.0)
 
     def _update(self, time_s: float, value_ppm: float) -> None:
-        before = (self._kf.x, self._kf.P, self._time_s)
+        before = (self._bank.snapshot(), self._time_s)
         self._predict_to(time_s)
         variance = self.config.reading_variance_ppm2(value_ppm)
-        innovation = value_ppm - float(self._kf.x[READING])
-        spread = float(self._kf.P[READING, READING]) + variance
-        nis = innovation * innovation / spread
-        if nis > self.config.gate_sd**2 and not self._confirmed(time_s, innovation):
-            self._verdicts.append(False)
-            return
+        innovation, nis = self._bank.innovation(value_ppm, variance, _H_READING)
+        if nis > self.config.gate_sd**2:
+            if not self._confirmed(time_s, innovation):
+                self._verdicts.append(False)
+                return
+        else:
+            self._held = None
         self._verdicts.append(True)
-        self._follow(min(nis, self.config.gate_sd**2))
         self._remember(time_s, before, value_ppm, variance)
         self._correct(value_ppm, variance)
 
@@ -232,18 +225,11 @@ class Co2Filter:
         self._held = None
         # The reading moved by `innovation` although it trails the air: the air moved by a multiple of that.
         moved_ppm = innovation_ppm * max(1.0, self.config.lag_s / max(time_s - held[0], 0.05))
-        self._kf.P = self._kf.P.copy()
-        self._kf.P[EXCESS, EXCESS] += moved_ppm**2
-        self._kf.P[RATE, RATE] += (moved_ppm / self.config.rate_time_s) ** 2
-        self._kf.P[READING, READING] += innovation_ppm**2
-        self._lively = _LIVELY_MOST
+        extra = np.zeros(STATES)
+        extra[EXCESS], extra[RATE] = moved_ppm**2, (moved_ppm / self.config.rate_time_s) ** 2
+        extra[READING] = innovation_ppm**2
+        self._bank.widen(extra)
         return True
-
-    def _follow(self, nis: float) -> None:
-        """Let the process noise follow the innovations: readings that keep surprising mean livelier air."""
-        self._held = None if nis < self.config.gate_sd**2 else self._held
-        self._nis += _NIS_WEIGHT * (nis - self._nis)
-        self._lively = min(max(self._lively * math.exp(0.5 * (self._nis - 1.2)), 1.0), _LIVELY_MOST)
 
     def _work_in_late(self, time_s: float, value_ppm: float) -> None:
         """Put a reading that comes out of order where it belongs, and make the later updates again after
@@ -257,27 +243,26 @@ class Co2Filter:
         end_s = self._time_s
         for _ in later:
             self._steps.pop()
-        self._kf.x, self._kf.P, self._time_s = first.x, first.p, first.state_time_s
+        self._bank.restore(first.before)
+        self._time_s = first.state_time_s
         again = [(time_s, value_ppm, self.config.reading_variance_ppm2(value_ppm))]
         again += [(s.time_s, s.value_ppm, s.variance_ppm2) for s in later]
         for moment_s, value, variance in again:
-            before = (self._kf.x, self._kf.P, self._time_s)
+            before = (self._bank.snapshot(), self._time_s)
             self._predict_to(moment_s)
             self._remember(moment_s, before, value, variance)
             self._correct(value, variance)
         self._predict_to(end_s)
 
     def _remember(
-        self, time_s: float, before: tuple[Array, Array, float | None], value_ppm: float, variance_ppm2: float
+        self, time_s: float, before: tuple[Snapshot, float | None], value_ppm: float, variance_ppm2: float
     ) -> None:
-        x, p, state_time_s = before
+        snapshot, state_time_s = before
         if state_time_s is not None:
-            self._steps.append(_Step(time_s, x, p, state_time_s, value_ppm, variance_ppm2))
+            self._steps.append(_Step(time_s, snapshot, state_time_s, value_ppm, variance_ppm2))
 
     def _correct(self, value_ppm: float, variance_ppm2: float) -> None:
-        self._kf.update(np.array([value_ppm]), np.array([[variance_ppm2]]), _H_READING)
-        # filterpy's state silently takes another shape when a measurement has the wrong one.
-        assert self._kf.x.shape == (STATES,)  # noqa: S101
+        self.log_likelihood += self._bank.correct(value_ppm, variance_ppm2, _H_READING)
 
     def _saturate(self, time_s: float, limit_ppm: float) -> None:
         """A reading at the end of the range: the air holds at least that much."""
@@ -287,12 +272,11 @@ class Co2Filter:
         if time_s < self._time_s:
             return
         self._predict_to(time_s)
-        if float(self._kf.x[READING]) < limit_ppm:
+        if float(self._bank.x[READING]) < limit_ppm:
             self._correct(limit_ppm, (0.02 * limit_ppm) ** 2)
         self._saturated_s = self._news_s = self._heard_s = time_s
 
-    # -- background
-    # -------------------------------------------------------------------------------------------
+    # -- background ----------------------------------------------------------------------------------------
 
     def _learn_background(self, time_s: float) -> None:
         """Clean air is where the excess is nothing: at the start, and wherever the readings allow no other
@@ -301,7 +285,7 @@ class Co2Filter:
         since_s = time_s - self._clean_last_s
         if 0.0 <= since_s < _CLEAN_PERIOD_S:
             return
-        x, p = self._kf.x, self._kf.P
+        x, p = self._bank.x, self._bank.p
         excess_ppm, excess_sd = float(x[EXCESS]), math.sqrt(max(float(p[EXCESS, EXCESS]), 0.0))
         allowance_ppm = 2.0 * (math.sqrt(max(float(p[BACKGROUND, BACKGROUND]), 0.0)) + config.clean_sd_ppm)
         calm = abs(float(x[RATE])) < 3.0 * config.rate_floor_ppmps
@@ -319,28 +303,27 @@ class Co2Filter:
         else:
             return
         self._clean_last_s = time_s
-        self._kf.update(np.zeros(1), np.array([[config.clean_sd_ppm**2 * weight]]), _H_EXCESS)
+        # It is a statement about the background: how lively the air is must not follow from it.
+        self._bank.correct(0.0, config.clean_sd_ppm**2 * weight, _H_EXCESS, judge=False)
 
-    # -- time and output
-    # --------------------------------------------------------------------------------------
+    # -- time and output -----------------------------------------------------------------------------------
 
-    def _ahead(self, time_s: float) -> tuple[Array, Array]:
-        """Transition matrix and process noise from the state's time to `time_s`."""
+    def _ahead(self, time_s: float) -> tuple[float, Array, Array, Array]:
+        """Time, transition matrix and both process noises from the state's time to `time_s`."""
         assert self._time_s is not None  # noqa: S101
         config = self.config
-        transition, rate_noise, background_noise = self._model.step(max(time_s - self._time_s, 0.0))
-        excess_ppm = max(float(self._kf.x[EXCESS]), 0.0)
-        rate_var = (
-            config.rate_floor_ppmps**2 * self._lively
-            + (config.rate_per_s * excess_ppm) ** 2
-            + (config.rate_per_rate * float(self._kf.x[RATE])) ** 2
-        )
-        return transition, rate_noise * rate_var + background_noise
+        dt_s = max(time_s - self._time_s, 0.0)
+        transition, rate_noise, background_noise = self._model.step(dt_s)
+        x = self._bank.x
+        # A plume's edges are as steep as its core is high, and where it is steep it goes on being so.
+        scale_ppmps = config.rate_per_s * max(float(x[EXCESS]), 0.0)
+        plume_var = config.plume_rate_ppmps**2 + scale_ppmps**2 + float(x[RATE]) ** 2
+        calm = rate_noise * config.rate_floor_ppmps**2 + background_noise
+        return dt_s, transition, calm, rate_noise * plume_var + background_noise
 
     def _predict_to(self, time_s: float) -> None:
         if self._time_s is not None and time_s > self._time_s:
-            transition, noise = self._ahead(time_s)
-            self._kf.predict(F=transition, Q=noise)
+            self._bank.predict(*self._ahead(time_s))
             self._time_s = time_s
 
     def _restart(self) -> None:
@@ -355,10 +338,11 @@ class Co2Filter:
         self._told = self._judge(now_s)
         if self._time_s is None:
             return None
-        x, p = self._kf.x, self._kf.P
+        x, p = self._bank.x, self._bank.p
         if now_s - self._time_s > 5e-4:
-            transition, noise = self._ahead(now_s)
-            x, p = transition @ x, transition @ p @ transition.T + noise
+            _, transition, calm, plume = self._ahead(now_s)
+            chance = self._bank.plume_chance
+            x, p = transition @ x, transition @ p @ transition.T + calm + chance * (plume - calm)
         health, reason = self._told
         return Co2Estimate(
             excess_co2_ppm=float(x[EXCESS]),

@@ -50,14 +50,19 @@ class Co2FilterConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     """What clean air departs from the background by."""
     zero_step_ppm: float = 1.0
     """Standard deviation of the step that a zero makes in an instrument's offset."""
-    rate_time_s: float = 3.0
+    rate_time_s: float = 2.0
     """Correlation time T of the concentration's rate along the drone's way."""
     rate_floor_ppmps: float = 1.0
     """Standard deviation of the rate in clean air."""
-    rate_per_s: float = 0.3
-    """What the rate's standard deviation grows by with the concentration: a plume's edges scale with its
+    plume_rate_ppmps: float = 40.0
+    """The same in a plume, at least."""
+    rate_per_s: float = 0.7
+    """What the rate's standard deviation in a plume grows by with the concentration: edges scale with the
     core."""
-    rate_per_rate: float = 0.0
+    calm_time_s: float = 60.0
+    """How long the air stays clean on average."""
+    plume_time_s: float = 5.0
+    """How long a plume lasts on average, as the drone flies through it."""
     gate_sd: float = 6.0
     """A reading further from its prediction than this many standard deviations waits for a second that
     agrees."""
