@@ -13,6 +13,8 @@ What departs from the paper, and why:
 * Spiral points far out stand closer than the paper's 12 degrees, so that no ground is left unread.
 * When contact is lost the swarm first returns to its best reading, and only if nothing is there goes on with the
   spiral: plumes move, and the paper's spiral would throw the contact away.
+* Where the wind is known a step goes partly against it (`upwind_weight`): the paper's plane through the readings
+  finds a plume's ridge but hardly climbs along it.
 * The paper stops by knowing the answer (within 1 m of the maximum). Here the root declares the source found when
   the best reading has not been beaten during `patience` waypoints, and estimates its place from the readings.
 * All that a new root needs to go on is in the `Order`.
@@ -42,6 +44,9 @@ _SAME_PLACE_M = 0.5
 """An anchor this near to a point is at that point."""
 _SAME_INDEX = 1e-6
 """Rounding of a spiral point's number that was found again from its radius."""
+_CALM_MPS = 0.5
+"""A wind below this has no direction worth following."""
+_WIND_STALE_S = 15.0
 _MEMORY = 400
 """How many readings a drone remembers for the estimate of the source."""
 
@@ -51,6 +56,9 @@ class LocusParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     """Centre of the spiral; None: where the formation formed up."""
     step_m: Positive = 2.0
     """Step up the gradient (paper: 2 m)."""
+    upwind_weight: NotNegative = 1.0
+    """How much of a step goes against the wind, the unit gradient counting 1 (paper: 0). On the ridge of a long
+    plume the gradient points across it; the source lies upwind. Past the source the gradient turns back."""
     jitter_m: NotNegative = 0.1
     """Largest random offset of a step per axis (paper: 0.1 m)."""
     turn_rad: NotNegative = math.pi / 4.0
@@ -69,7 +77,7 @@ class LocusParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     """Excess below this is no contact."""
     detection_sigmas: NotNegative = 4.0
     """Nor is excess below this many standard deviations of its own estimate."""
-    patience: Annotated[int, Meta(ge=1)] = 12
+    patience: Annotated[int, Meta(ge=1)] = 16
     """Waypoints without a better reading after which the source counts as found."""
     improvement_fraction: NotNegative = 0.02
     """A better reading exceeds the best by this fraction and one standard deviation."""
@@ -93,6 +101,8 @@ class Locus:
         )
         self._reading: Reading | None = None
         self._given: Order | None = None
+        self._wind_ned_mps: Vector3 | None = None
+        """The swarm's mean wind, None while nobody knows it."""
         self._window: dict[tuple[int, int], Reading] = {}
         """Readings by (order, drone), oldest first."""
 
@@ -117,6 +127,7 @@ class Locus:
         reading = self._reading if self._reading and self._reading.order == order.sequence else None
         if is_root and reading is not None and order.stage not in (Stage.FOUND, Stage.GIVE_UP):
             self._remember(reading)
+            self._wind_ned_mps = _mean_wind(observation)
             order = self._next_if_due(observation, order, rng)
         if is_root and order is not observation.order:
             self._given = order
@@ -173,7 +184,9 @@ class Locus:
         window = sorted(self._window.values(), key=lambda r: r.order)[-2 * drones :]
         uphill, north_m, east_m = self._uphill(order, window, rng)
         if order.best is not None and order.waypoints_since_best >= self._p.patience:
-            source = estimate_source(list(self._window.values()) or [order.best], self._layout.spacing_m)
+            source = estimate_source(
+                list(self._window.values()) or [order.best], self._layout.spacing_m, self._wind_ned_mps
+            )
             return msgspec.structs.replace(order, stage=Stage.FOUND, anchor_ned_m=source, source_ned_m=source)
         if uphill:
             turn_rad = float(rng.uniform(0.0, self._p.turn_rad))
@@ -255,9 +268,30 @@ class Locus:
         gradient_n, gradient_e, _ = plane_gradient(
             place_m[:, 0], place_m[:, 1], value, 1.0 / noise, len(window), self._p.arrival_m
         )
+        steepness = math.hypot(gradient_n, gradient_e)
+        if self._wind_ned_mps is not None and steepness > 0.0:
+            wind_n, wind_e, _ = self._wind_ned_mps
+            pull = self._p.upwind_weight / math.hypot(wind_n, wind_e)
+            gradient_n = gradient_n / steepness - pull * wind_n
+            gradient_e = gradient_e / steepness - pull * wind_e
         jitter_n, jitter_e = rng.uniform(-self._p.jitter_m, self._p.jitter_m, 2)
         north_m, east_m, _ = order.anchor_ned_m
         uphill, north_m, east_m = waypoint_uphill(
             gradient_n, gradient_e, north_m, east_m, self._p.step_m, float(jitter_n), float(jitter_e)
         )
         return bool(uphill), float(north_m), float(east_m)  # numpy's numbers do not go over the wire
+
+
+def _mean_wind(observation: Observation) -> Vector3 | None:
+    """The mean of what the members know of the wind; None where it is weaker than its own uncertainty."""
+    known = [observation.own.wind, *(neighbour.wind for neighbour in observation.neighbours)]
+    winds = [wind for wind in known if wind is not None and wind.age_s < _WIND_STALE_S]
+    if not winds:
+        return None
+    north_mps, east_mps, down_mps = (
+        math.fsum(axis) / len(winds) for axis in zip(*(wind.wind_ned_mps for wind in winds), strict=True)
+    )
+    variance_m2ps2 = math.fsum(wind.variance_m2ps2 for wind in winds) / len(winds)
+    if math.hypot(north_mps, east_mps) < max(_CALM_MPS, math.sqrt(variance_m2ps2)):
+        return None
+    return north_mps, east_mps, down_mps
