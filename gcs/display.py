@@ -73,7 +73,8 @@ def _cells(row: DroneRow, alarm: Alarm | None) -> list[Text]:
 def _remark(row: DroneRow, alarm: Alarm | None) -> Text:
     if alarm is not None:
         code = alarm.code.partition(":")[0]
-        return Text(f"{WORDS[alarm.severity]} {code}: {alarm.text}", style=STYLES[alarm.severity])
+        text = alarm.text if alarm.text.startswith(code) else f"{code}: {alarm.text}"
+        return Text(f"{WORDS[alarm.severity]} {text}", style=STYLES[alarm.severity])
     if row.restarts:
         return Text(f"agent restarted {row.restarts} times" if row.restarts > 1 else "agent restarted once")
     return Text(row.notes[0] if row.notes else "", style="dim")
