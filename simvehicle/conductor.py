@@ -21,6 +21,8 @@ ANSWER_WALL_S = 15.0
 """How long a command is repeated before its unanswered drones are given up."""
 REPEAT_WALL_S = 0.5
 START_TRIES = 3
+BAD_INPUT = 2
+"""Exit code of every program of ours that cannot use what it was given."""
 LANDING_LIMIT_S = 300.0
 """Simulated seconds that everybody has to get home once the survey is over."""
 LAND_NOW_LIMIT_S = 120.0
@@ -56,6 +58,8 @@ class Finish(msgspec.Struct, frozen=True):
 
     outcome: Outcome
     reason: str
+    bad_input: bool = False
+    """A part refused to start with what it was given (a port in use, say): nothing has flown."""
 
 
 Action: TypeAlias = Give | KillAgent | Finish
@@ -192,8 +196,9 @@ class Conductor:
         self._home_by_s = now_s + limit_s
         self.stand = Stand.COMING_HOME
 
-    def _fail_on_the_ground(self, reason: str) -> None:
+    def _fail_on_the_ground(self, reason: str, *, bad_input: bool = False) -> None:
         self._end(-1e9, Outcome.FAILED, reason, 0.0)
+        self._over = Finish(Outcome.FAILED, reason, bad_input)
 
     # -- what happens on the way --------------------------------------------------------------------------------
 
@@ -203,9 +208,10 @@ class Conductor:
             drone = next((d for d in self._watch.members if agent_name(d) == one.name), None)
             if drone is not None:
                 self.alive.discard(drone)
-            on_the_ground = self.stand in (Stand.STARTING_UP, Stand.COMMANDING)
-            if one.name == VEHICLES or (on_the_ground and self._watch.first_takeoff_s is None):
-                self._fail_on_the_ground(str(one))
+            on_the_ground = self._watch.first_takeoff_s is None
+            starting = on_the_ground and self.stand in (Stand.STARTING_UP, Stand.COMMANDING)
+            if one.name == VEHICLES or starting:
+                self._fail_on_the_ground(str(one), bad_input=on_the_ground and one.code == BAD_INPUT)
             elif one.name == GROUND and self.stand is not Stand.COMING_HOME:
                 self._watch.note(now_s, Severity.WARNING, "process", "going on without the ground station")
 

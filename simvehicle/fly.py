@@ -36,6 +36,8 @@ class Flown(msgspec.Struct, frozen=True):
     summary: summary.Summary
     log: Log
     directory: pathlib.Path
+    bad_input: bool
+    """A part could not start with what it was given; nothing has flown."""
 
 
 def check_kills(survey: Survey, kills: tuple[Kill, ...]) -> None:
@@ -97,7 +99,7 @@ def fly(
     )
     summary.write(flown, directory)
     (directory / "log.json").write_bytes(msgspec.json.encode(log))
-    return Flown(flown, log, directory)
+    return Flown(flown, log, directory, finish.bad_input)
 
 
 def write_report(survey: Survey, flown: Flown) -> pathlib.Path:

@@ -74,4 +74,6 @@ def _fly(
         typer.echo(msgspec.json.encode(flown.summary).decode())
     else:
         typer.echo(fly.words(flown.summary))
+    if flown.bad_input:
+        raise typer.Exit(2)
     raise typer.Exit(0 if flown.summary.outcome == "source_found" else 1)

@@ -45,8 +45,10 @@ class Orphan(msgspec.Struct, frozen=True):
     drone: int
     killed_at_s: float | None
     """When its agent was killed on purpose; None if it died by itself."""
-    returned_by: str
-    """The autopilot's modes from the death on, in order: "GUIDED > RTL"."""
+    brought_home_by: str
+    """"ground station" if it commanded the return, "autopilot" if that was its own failsafe, "" if nobody did."""
+    modes: str
+    """The autopilot's from the death on, in order: "GUIDED > RTL"."""
     mode_changed_after_s: float | None
     """How long it flew on in the mode that its agent had left it in."""
     landed_at_s: float | None
@@ -271,7 +273,12 @@ def _orphans(
         after = np.flatnonzero(track.time_s >= died_s)
         if not after.size or not track.airborne[after[0]]:
             continue
-        found.append(_orphan(drone, track, after, died_s, homes[drone], drone in ending.kills))
+        commanded = any(
+            e.code == "bring_home" and e.drone == drone and e.time_s >= died_s for e in log.events
+        )
+        found.append(
+            _orphan(drone, track, after, died_s, homes[drone], drone in ending.kills, commanded=commanded)
+        )
     return tuple(found)
 
 
@@ -282,6 +289,8 @@ def _orphan(
     died_s: float,
     home_m: tuple[float, float],
     killed: bool,
+    *,
+    commanded: bool,
 ) -> Orphan:
     modes = [track.modes[int(after[0])]]
     changed_s: float | None = None
@@ -293,18 +302,21 @@ def _orphan(
     down = after[~track.airborne[after]]
     landed_s = float(track.time_s[down[0]]) if down.size and not track.airborne[-1] else None
     distance_m = _from_home_m(track, home_m)
+    by = "" if changed_s is None else "ground station" if commanded else "autopilot"
     if landed_s is None:
         story = f"still flying at the end in {modes[-1]}, {distance_m:.1f} m from its home"
     elif changed_s is None:
         story = f"came down in {modes[-1]} after {landed_s - died_s:.0f} s, {distance_m:.1f} m from its home"
     else:
         story = (
-            f"flew on in {modes[0]} for {changed_s:.1f} s, then {' > '.join(modes[1:])}; "
+            f"flew on in {modes[0]} for {changed_s:.1f} s, then {' > '.join(modes[1:])} "
+            f"({'sent by the ground station' if commanded else 'its autopilot by itself'}); "
             f"landed {landed_s - died_s:.0f} s after its agent's death, {distance_m:.1f} m from its home"
         )
     return Orphan(
         drone,
         round(died_s, 1) if killed else None,
+        by,
         " > ".join(modes),
         _rounded(changed_s, 1),
         _rounded(landed_s, 1),

@@ -93,7 +93,7 @@ def test_a_killed_agent_and_its_orphan(survey_file: pathlib.Path, tmp_path: path
     got = flown.summary
     assert (got.outcome, got.alive) == (Outcome.SOURCE_FOUND, 2)
     assert got.kills[3] == pytest.approx(12.0, abs=4.0)
-    assert [(o.drone, o.returned_by) for o in got.orphans] == [(3, "GUIDED > RTL")]
+    assert [(o.drone, o.modes) for o in got.orphans] == [(3, "GUIDED > RTL")]
     assert got.lost_processes == (), "a kill on purpose is no surprise"
     assert nothing_runs(flown.directory)
 
@@ -101,6 +101,7 @@ def test_a_killed_agent_and_its_orphan(survey_file: pathlib.Path, tmp_path: path
 def test_a_part_that_cannot_start(survey_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
     flown: Flown = fly(load(survey_file), out=tmp_path / "out", commands=BROKEN)
     assert flown.summary.outcome == Outcome.FAILED
+    assert flown.bad_input
     assert flown.summary.reason == "ground ended (exit code 2): ground.yaml: port 14550 is in use"
     assert nothing_runs(flown.directory)
 

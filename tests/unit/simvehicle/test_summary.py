@@ -137,11 +137,21 @@ def test_an_orphan_tells_how_it_came_home() -> None:
     orphan = track(2, np.where(TIMES_S < 40.0, 0.0, 40.5), airborne=flying, modes=modes)
     got = summarise({1: track(1, 20.0), 2: orphan}, alive=frozenset({1}), kills={2: 20.0})
     (told,) = got.orphans
-    assert (told.drone, told.killed_at_s, told.returned_by) == (2, 20.0, "GUIDED > RTL")
+    assert (told.drone, told.killed_at_s, told.modes, told.brought_home_by) == (
+        2,
+        20.0,
+        "GUIDED > RTL",
+        "autopilot",
+    )
     assert told.mode_changed_after_s == pytest.approx(6.0, abs=0.11)
     assert told.home_distance_m == 0.5
-    assert "then RTL; landed 30 s after" in told.story
+    assert "then RTL (its autopilot by itself); landed 30 s after" in told.story
     assert got.alive == 1
+    sent = EventMark(25.0, 2, Severity.WARNING, "bring_home", "agent silent: RTL commanded")
+    got = summarise(
+        {1: track(1, 20.0), 2: orphan}, Log(events=(sent,)), alive=frozenset({1}), kills={2: 20.0}
+    )
+    assert got.orphans[0].brought_home_by == "ground station"
 
 
 def test_an_agent_that_died_by_itself_leaves_an_orphan_too() -> None:
