@@ -55,8 +55,8 @@ def test_a_file_that_is_not_text(tmp_path: pathlib.Path) -> None:
 @pytest.mark.parametrize(
     ("before", "after", "expected"),
     [
-        ("speedup: 5.0", "speedupp: 5.0", ["speedupp", "unknown key"]),
-        ("speedup: 5.0", "speedup: fast", ["speedup", "float"]),
+        ("speedup: 4.0", "speedupp: 5.0", ["speedupp", "unknown key"]),
+        ("speedup: 4.0", "speedup: fast", ["speedup", "float"]),
         ("  spacing_m: 10.0", "  spacing_m: -1", ["formation.spacing_m"]),
         ("spacing_m: 6.0", "spacing_m: 3.0", ["launch_line", "drones 1 and 2 start 3.0 m apart", "separation_m"]),
         ("  spacing_m: 10.0", "  spacing_m: 3.5", ["formation", "must stay 4 m apart"]),
@@ -68,7 +68,7 @@ def test_a_file_that_is_not_text(tmp_path: pathlib.Path) -> None:
         ("[38.405081, 14.965175]", "[38.4020, 14.9600]", ["geofence", "cross"]),
         ("  towards_deg: 50.0", "  north_m: 400.0", ["launch_line", "outside the geofence"]),
         ("name: locus", "name: lotus", ["strategy", "lotus"]),
-        ("name: locus", "name: locus\n  parameters: {stepp_m: 2}", ["strategy", "stepp_m"]),
+        ("parameters: {step_m", "parameters: {stepp_m", ["strategy", "stepp_m"]),
         ("seed: 1", "seed: 1\nfaults: [{drone: 9, at_s: 5, kind: motor}]", ["faults[0].drone", "no drone 9"]),
         (
             "seed: 1",
