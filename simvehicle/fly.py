@@ -26,6 +26,8 @@ from simvehicle.worlds import make_world
 LAUNCHER = "launcher"
 """Our name among the nodes of the swarm."""
 PERIOD_WALL_S = 0.1
+MISSED_LIMIT = 0.01
+"""Share of missed deadlines above which the summary warns."""
 LINGER_WALL_S = 1.0
 """How long everybody may go on after the end, so that the recordings hold the end too."""
 
@@ -93,6 +95,7 @@ def fly(
             warnings=(
                 *survey.warnings,
                 *(f"{name} had to be killed at the end" for name in stubborn),
+                *_too_slow(log, survey.config.speedup),
                 *(f"{count} unreadable messages: {problem}" for problem, count in watch.unreadable.items()),
             ),
         ),
@@ -129,7 +132,7 @@ def words(flown: summary.Summary) -> str:
         f"{separation}, {flown.missed_deadline_fraction:.2%} of deadlines missed"
     )
     lines += [f"drone {orphan.drone}: {orphan.story}" for orphan in flown.orphans]
-    lines += list(flown.lost_processes)
+    lines += [*flown.lost_processes, *flown.warnings]
     lines.append(
         f"{flown.simulated_s:.0f} s simulated in {flown.wall_s:.0f} s; everything is in {flown.log_dir}"
     )
@@ -185,6 +188,16 @@ def _conduct(
             display.show(now_s, wall_s=wall_s - began_s, note=note)
             time.sleep(PERIOD_WALL_S)
     return watch, conductor, over, lost
+
+
+def _too_slow(log: Log, speedup: float) -> list[str]:
+    """Whether this machine could not keep up: then the flight was not the one that was asked for."""
+    missed = log.late_ticks / max(log.ticks, 1)
+    if missed <= MISSED_LIMIT:
+        return []
+    return [
+        f"{missed:.1%} of the agents' deadlines were missed: choose a --speedup below {speedup:g} on this machine"
+    ]
 
 
 def _join(plan: launch.Plan) -> Transport:

@@ -53,7 +53,7 @@ class _View:
         if elapsed_s is not None:
             parts.append(f"{elapsed_s:.0f} s simulated")
         parts.append(f"{wall_s:.0f} s elapsed at {self._speedup:g}x")
-        parts.append(f"{len(self._conductor.alive)} of {len(watch.members)} agents")
+        parts.append(f"{len(self._conductor.alive)} of {len(watch.members)} agents run")
         if watch.best_ppm > 0.0:
             away_m = watch.from_best_m()
             best = f"best {watch.best_ppm:.0f} ppm"
@@ -136,7 +136,7 @@ class LiveTable(_View):
                 Text(phase, style="red" if phase in ("dead", "silent", "pilot") else ""),
                 state.mode,
                 "" if state.slot is None else str(state.slot),
-                "" if up is None else f"{-up[2]:.1f}",
+                "" if up is None else f"{0.0 - up[2]:.1f}",
                 "" if excess is None else f"{excess.mean:7.1f} ppm",
                 "" if state.battery_fraction is None else f"{state.battery_fraction:.0%}",
                 "; ".join(state.notes)[:60],
