@@ -32,6 +32,7 @@ class Agent:
         self.last_flying_s: float | None = None
         """When the agent last said so, and in which phase."""
         self.last_flying_phase: Phase | None = None
+        self._flying_incarnation: int | None = None
         self._incarnations: list[int] = []
         self._ticks: deque[tuple[float, int, int]] = deque()
 
@@ -54,6 +55,7 @@ class Agent:
         self.state, self.state_s = state, now_s
         if state.airborne and state.phase in FLYING_PHASES:
             self.flown, self.last_flying_s, self.last_flying_phase = True, now_s, state.phase
+            self._flying_incarnation = state.incarnation
         elif not state.armed and state.position_ned_m is not None:
             # A restarted agent says "not armed" until its autopilot has answered; a position shows that it has.
             self.flown = False
@@ -62,6 +64,13 @@ class Agent:
         while self._ticks and now_s - self._ticks[0][0] > TICK_WINDOW_S:
             self._ticks.popleft()
         return True
+
+    def has_its_vehicle(self) -> bool:
+        """Whether the agent that speaks now knows what becomes of the vehicle in the air: it flies it, or it gave
+        it to the pilot. One that was restarted in the air knows of nothing."""
+        if self.state is None or self.state.phase in (Phase.DISARMED, Phase.LANDED):
+            return False
+        return self.state.phase in FLYING_PHASES or self.state.incarnation == self._flying_incarnation
 
     def late_fraction(self) -> float:
         """Share of the agent's ticks of the last `TICK_WINDOW_S` that missed their deadline."""

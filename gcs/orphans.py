@@ -117,9 +117,7 @@ class OrphanKeeper:
             if case is not None:
                 self._close(drone, "on the ground" if not vehicle.armed else "not an orphan any more")
             return None
-        state = agent.state
-        flies_it = state is not None and state.phase not in (Phase.DISARMED, Phase.LANDED)
-        if fleet.agent_live(drone, now_s) and flies_it:
+        if fleet.agent_live(drone, now_s) and agent.has_its_vehicle():
             if case is not None and case.step is not Step.WAITING:
                 self._close(drone, "its agent is back")
             self._cases.pop(drone, None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import logging
 import pathlib
@@ -17,6 +18,7 @@ from gcs.config import GroundConfig
 from gcs.connection import RECEIVED
 from gcs.plans import load_fence
 from gcs.station import Station, StationOutputs
+from mission.documents import DocumentError
 
 log = logging.getLogger("gcs")
 
@@ -76,12 +78,12 @@ def serve(config: GroundConfig, file: pathlib.Path) -> int:
     stop.install()
     clock = WallClock(config.speedup)
     station = Station(config, load_fence(config, file), clock.now_s())
-    directory = pathlib.Path(config.record_to)
-    directory.mkdir(parents=True, exist_ok=True)
-    links: list[ByteLink] = []
-    try:
+    directory = _directory(config, file)
+    with contextlib.ExitStack() as opened:
+        links: list[ByteLink] = []
         for text in config.mavlink.links:
-            links.append(open_link(text))  # noqa: PERF401 (those already open are closed when one fails)
+            links.append(open_link(text))
+            opened.callback(links[-1].close)
         transport = ZenohTransport(
             config.swarm.name,
             config.station,
@@ -90,28 +92,30 @@ def serve(config: GroundConfig, file: pathlib.Path) -> int:
             RECEIVED,
             config.swarm.tls,
         )
-    except BaseException:
-        for link in links:
-            link.close()
-        raise
-    recordings = Recordings(directory, clock.now_s())
-    recordings.timeline.record("/config", clock.now_s(), config)
-    log.info(
-        "ground station %s of swarm %s ready: %d MAVLink links, recording to %s",
-        config.station,
-        config.swarm.name,
-        len(links),
-        directory,
-    )
-    try:
+        opened.callback(transport.close)
+        recordings = Recordings(directory, clock.now_s())
+        opened.callback(recordings.close)
+        recordings.timeline.record("/config", clock.now_s(), config)
+        log.info(
+            "ground station %s of swarm %s ready: %d MAVLink links, recording to %s",
+            config.station,
+            config.swarm.name,
+            len(links),
+            directory,
+        )
         _loop(config, station, clock, transport, links, recordings, stop)
-    finally:
-        recordings.close()
-        transport.close()
-        for link in links:
-            link.close()
     log.info("ground station %s stopped", config.station)
     return 0
+
+
+def _directory(config: GroundConfig, file: pathlib.Path) -> pathlib.Path:
+    directory = pathlib.Path(config.record_to)
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        problem = f"{directory} cannot be made: {error.strerror}; name another directory"
+        raise DocumentError(str(file), problem, field="record_to") from error
+    return directory
 
 
 def _loop(

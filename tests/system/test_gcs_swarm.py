@@ -343,11 +343,29 @@ def test_a_station_whose_link_is_taken_says_so_and_leaves_nothing_open(site):
     assert "Traceback" not in done.stderr
 
 
-def test_every_command_explains_itself():
-    commands = [["serve"], ["survey"], ["status"], ["watch"], ["plan", "check"], ["plan", "upload"]]
-    commands += [["plan", "download"], ["fence", "upload"]]
-    commands += [["param", name] for name in ("get", "set", "list", "save")]
-    for command in [[], *commands]:
-        done = gcs(*command, "--help")
-        assert done.returncode == 0
-        assert "Usage" in done.stdout
+@pytest.mark.parametrize(
+    ("field", "value", "words"),
+    [
+        ("record_to", "/dev/null/flights", "record_to"),
+        ("mavlink", {"links": ["udp:127.0.0.1:1"]}, "udpin"),
+        ("plan", "absent.plan", "absent.plan"),
+    ],
+)
+def test_a_station_that_cannot_start_says_why(site, field, value, words):
+    path, _ = site
+    path.write_text(json.dumps(json.loads(path.read_text()) | {field: value}))
+    done = gcs("serve", "--config", str(path))
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1, done.stderr
+    assert words in done.stderr
+
+
+def test_two_stations_on_one_endpoint(site):
+    path, endpoint = site
+    with socket.socket() as taken:
+        host, _, port = endpoint.removeprefix("tcp/").rpartition(":")
+        taken.bind((host, int(port)))
+        taken.listen()
+        done = gcs("serve", "--config", str(path))
+    assert done.returncode == 2
+    assert endpoint in done.stderr

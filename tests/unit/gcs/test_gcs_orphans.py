@@ -138,11 +138,18 @@ def test_one_that_landed_needs_nothing(swarm, keeper):
     assert run(keeper, swarm, 10.1, 40.0) == []
 
 
-def test_a_restarted_agent_that_does_not_fly_its_vehicle_leaves_an_orphan(swarm, keeper):
+@pytest.mark.parametrize("phase", [Phase.DISARMED, Phase.PILOT])
+def test_a_restarted_agent_that_does_not_fly_its_vehicle_leaves_an_orphan(swarm, keeper, phase):
     run(keeper, swarm, 0.0, 10.0)
-    swarm.talking[2] = {"phase": Phase.DISARMED, "incarnation": 9}
+    swarm.talking[2] = {"phase": phase, "incarnation": 9}
     requests = run(keeper, swarm, 10.1, 16.0)
     assert requests[0][0] == pytest.approx(15.0, abs=0.2)
+
+
+def test_an_agent_that_gave_its_vehicle_to_the_pilot_has_not_lost_it(swarm, keeper):
+    run(keeper, swarm, 0.0, 10.0)
+    swarm.talking[2] = {"phase": Phase.PILOT}
+    assert run(keeper, swarm, 10.1, 40.0) == []
 
 
 def test_an_agent_that_comes_back_flying_is_believed(swarm, keeper):
