@@ -178,6 +178,7 @@ class ArduPilot(Autopilot):
         if self.armed and mode is Mode.AUTO and not self.auto_allowed():
             return False
         self.mode = mode
+        self.mode_is_news = True
         self.set_speed(None)
         self.enter()
         return True

@@ -53,6 +53,8 @@ _PREARM_EVERY_S = 30.0
 _TIMESYNC_EVERY_S = 10.0
 _GPS_GONE_S = 8.0
 _GPS_BACK_S = 1.2
+_LAND_PAUSE_S = 4.0
+"""Between the failsafe's LAND and the descent."""
 _YAW_ALIGNED_ABOVE_M = 2.5
 
 _PRESENT = 0x5371FC0F
@@ -238,8 +240,9 @@ class Safety:
         if a.mode is Mode.LAND:
             a.maneuver = Land(with_position=False)
         elif a.mode in NEED_POSITION or action == 3:
-            mode = Mode.ALT_HOLD if action == 2 else Mode.LAND
-            a.set_mode(mode)
+            a.set_mode(Mode.ALT_HOLD if action == 2 else Mode.LAND)
+            if a.mode is Mode.LAND:
+                a.maneuver = Land(with_position=False, pause_s=_LAND_PAUSE_S)
             a.say(_CRITICAL, f"EKF Failsafe: changed to {a.mode.name} Mode")
 
     def _battery(self, now_s: float) -> None:
@@ -278,9 +281,10 @@ class Safety:
             a.disarm("Battery Failsafe: terminating", _CRITICAL)
 
     def _act(self, mode: Mode | None) -> None:
-        """Enter a failsafe's mode, or LAND where that one cannot be."""
+        """Enter a failsafe's mode, or LAND where that one cannot be. A landing goes on only if FS_OPTIONS says so."""
         a = self._a
-        if mode is None or not a.armed or a.mode in (Mode.LAND, mode):
+        goes_on = a.mode is Mode.LAND and int(a.parameters["FS_OPTIONS"]) & 8
+        if mode is None or not a.armed or a.mode is mode or goes_on:
             return
         if a.landed:
             a.disarm("Disarming motors")
@@ -338,6 +342,7 @@ class Safety:
             self._act(
                 {1: Mode.RTL, 2: Mode.LAND, 3: Mode.SMART_RTL, 4: Mode.BRAKE, 5: Mode.SMART_RTL}.get(action)
             )
+            a.announce_mode()
             a.broadcast(self.fence_status())
         elif before and not now:
             a.say(_NOTICE, "Fence breach cleared")

@@ -71,6 +71,7 @@ class Autopilot(abc.ABC):
         self.armed_s = 0.0
         self.landed = True
         self.crashed = False
+        self.mode_is_news = False
         self.failsafe = False
         """Some failsafe has the vehicle: HEARTBEAT says CRITICAL."""
         self.home_m: Vector3 | None = None
@@ -245,11 +246,18 @@ class Autopilot(abc.ABC):
         """A STATUSTEXT to everybody, after the answer to a command that is being carried out."""
         self._texts.append((severity, text))
 
+    def announce_mode(self) -> None:
+        """A HEARTBEAT out of turn where the mode has just changed."""
+        if self.mode_is_news:
+            self.mode_is_news = False
+            self.broadcast(streams.heartbeat(self))
+
     def broadcast(self, message: Any) -> None:
         for channel in self.channels:
             channel.send(message)
 
     def flush_texts(self) -> None:
+        self.announce_mode()
         texts, self._texts = self._texts, []
         for severity, text in texts:
             data = text.encode()
@@ -362,7 +370,7 @@ class Autopilot(abc.ABC):
         self.slow_step()
 
     def _send_due(self, now_s: float) -> None:
-        if self._texts:
+        if self._texts or self.mode_is_news:
             self.flush_texts()
         self.parameter_server.step(self.channels)
         for channel in self.channels:
@@ -404,6 +412,7 @@ class Autopilot(abc.ABC):
         told, run.told = run.told, []
         for what, sequence in told:
             if what is Told.REACHED:
+                self.flush_texts()
                 self.broadcast(mavlink.MAVLink_mission_item_reached_message(sequence))
             if what is Told.COMPLETE:
                 self.mission_complete = True

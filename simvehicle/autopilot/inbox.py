@@ -87,6 +87,7 @@ class Inbox:
             handler(channel, peer, message)
         else:
             self._autopilot.missions.receive(self._autopilot.now_s or 0.0, peer, message)
+            self._autopilot.flush_texts()
 
     def _heartbeat(self, _channel: Channel, peer: Peer, message: Any) -> None:
         if message.type == mavlink.MAV_TYPE_GCS:

@@ -185,17 +185,25 @@ class Follow:
 class Land:
     """Down where it is. Without a position the wind takes it along."""
 
-    def __init__(self, *, with_position: bool = True, at_m: tuple[float, float] | None = None) -> None:
+    def __init__(
+        self, *, with_position: bool = True, at_m: tuple[float, float] | None = None, pause_s: float = 0.0
+    ) -> None:
         self._with_position = with_position
         self._at_m = at_m
+        self._pause_s = pause_s
+        """Stay up so long first: a person may still take over."""
+        self._begin_s: float | None = None
         self.finished = False
 
     def step(self, nav: Navigation) -> Motion:
         if not nav.airborne:
             self.finished = True
             return Motion(idle=True)
+        self._begin_s = nav.now_s if self._begin_s is None else self._begin_s
         fast = nav.above_home_m > nav.limits.land_slow_below_m
         down_mps = nav.limits.descent_mps if fast else nav.limits.land_mps
+        if nav.now_s - self._begin_s < self._pause_s:
+            down_mps = 0.0
         if not self._with_position:
             return Motion(level=True, down_mps=down_mps)
         if self._at_m is None:
