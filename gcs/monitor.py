@@ -7,6 +7,7 @@ to be gone for a while before the alarm ends, so that a flickering radio does no
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -29,8 +30,9 @@ ANSWER_DUE_S = 5.0
 ANSWER_SHOWN_S = 30.0
 CLASH_SHOWN_S = 10.0
 GARBLED_SHOWN_S = 10.0
-NOT_INSTRUMENTS = ("guard:", "autopilot:")
-"""Beginnings of agents' notes that are no instrument's trouble."""
+_INSTRUMENT = re.compile(r"[^:]+: (silent|warming|zeroing|error)\b|(CO2|wind) estimate: ")
+"""Agents' notes on instruments: "NAME: STATE, reason", and on what is estimated from them. Other notes tell what
+the guard or the autopilot holds up, and are no alarm."""
 _RANK = {Severity.CRITICAL: 0, Severity.WARNING: 1, Severity.INFO: 2}
 
 
@@ -56,7 +58,7 @@ class Condition(NamedTuple):
 
 class Changes(NamedTuple):
     raised: tuple[Alarm, ...]
-    """New alarms, and those that became more or less severe."""
+    """New alarms, and those that became more severe than they had been."""
     cleared: tuple[Alarm, ...]
 
 
@@ -65,6 +67,8 @@ class _Standing(msgspec.Struct):
     seen_s: float
     condition: Condition
     alarmed: bool
+    told: Severity
+    """The worst that it has been raised with."""
 
 
 class Monitor:
@@ -99,12 +103,14 @@ class Monitor:
             key = (drone, condition.code)
             standing = self._standing.get(key)
             if standing is None:
-                standing = self._standing[key] = _Standing(now_s, now_s, condition, alarmed=False)
-            worse = standing.alarmed and standing.condition.severity is not condition.severity
+                standing = self._standing[key] = _Standing(
+                    now_s, now_s, condition, alarmed=False, told=condition.severity
+                )
+            worse = standing.alarmed and _RANK[condition.severity] < _RANK[standing.told]
             standing.seen_s, standing.condition = now_s, condition
             due = not standing.alarmed and now_s - standing.since_s >= condition.after_s * self._patience
             if due or worse:
-                standing.alarmed = True
+                standing.alarmed, standing.told = True, condition.severity
                 raised.append(_alarm(drone, standing))
         for key, standing in list(self._standing.items()):
             gone_s = now_s - standing.seen_s
@@ -205,7 +211,7 @@ class Monitor:
             yield Condition("late_ticks", Severity.WARNING, text, 2.0)
         if state.armed and state.position_ned_m is None:
             yield Condition("position", Severity.CRITICAL, "armed, but it does not know where it is", 1.0)
-        trouble = [note for note in state.notes if not note.startswith(NOT_INSTRUMENTS)]
+        trouble = [note for note in state.notes if _INSTRUMENT.match(note)]
         if trouble:
             blind = state.armed and state.excess_co2_ppm is None
             severity = Severity.WARNING if blind else Severity.INFO

@@ -106,10 +106,24 @@ def test_a_short_gap_neither_clears_nor_raises_again(fleet):
 
 def test_an_instruments_trouble_is_told_with_its_reason(fleet):
     swarm, monitor = fleet(), Monitor(AlarmLimits())
-    swarm.talking[1] = {"notes": ("co2: zeroing 12 of 25", "guard: held back by drone 4")}
+    notes = (
+        "co2: zeroing 12 of 25",
+        "guard: held back by drone 4",
+        "setpoint withheld: the autopilot is silent",
+    )
+    swarm.talking[1] = {"notes": notes}
     run(monitor, swarm, 0.0, 3.0)
     (alarm,) = monitor.alarms
     assert (alarm.code, alarm.text) == ("sensor", "co2: zeroing 12 of 25")
+
+
+def test_a_severity_that_flickers_is_told_once(fleet):
+    swarm, monitor = fleet(), Monitor(AlarmLimits())
+    raised = []
+    for tick in range(40):
+        swarm.talking[1] = {"notes": ("co2: silent, no answer",), "armed": tick % 2 == 0}
+        raised += monitor.step(tick * 0.5, swarm.tick(tick * 0.5)).raised
+    assert [alarm.severity for alarm in raised] == [Severity.WARNING]
 
 
 def test_battery_alarms_have_two_levels_and_hysteresis(fleet):
