@@ -1,0 +1,93 @@
+"""Spreading trials over cores (joblib) and machines (dask): blocks of a run in any order, rows always the same."""
+
+from __future__ import annotations
+
+import contextlib
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import pandas as pd
+
+from simvehicle.trials.cell import Cell
+from simvehicle.trials.compiled import ENGINE
+from simvehicle.trials.errors import TrialsError
+from simvehicle.trials.outcome import run_cell
+from simvehicle.trials.store import Block, Run, Store
+
+Progress = Callable[[int, int], None]
+"""Called with (trials done, trials in all)."""
+
+
+def complete(
+    run: Run,
+    store: Store,
+    *,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    progress: Progress = lambda done, total: None,
+) -> pd.DataFrame:
+    """Do what is missing of `run`, on `jobs` cores here or on the dask cluster at `scheduler`; all rows."""
+    total = run.trials * len(run.cells)
+    missing = store.missing()
+    done = total - sum(block.count for block in missing)
+    progress(done, total)
+    if missing:
+        finished = _on_cluster(run, missing, scheduler) if scheduler else _on_cores(run, missing, jobs)
+        with contextlib.closing(finished):
+            for block, rows in finished:
+                store.add(block, rows)
+                done += block.count
+                progress(done, total)
+    return store.rows()
+
+
+def warm_up(run: Run) -> None:
+    """Compile (or load) what `run` needs, once, before workers all do it at the same time."""
+    strategies = {cell.strategy: cell for cell in run.cells}
+    for cell in strategies.values():
+        run_cell(cell, run.seed, 0, 0)
+
+
+def _work(cell: Cell, seed: int, block: Block, engine: str) -> tuple[Block, pd.DataFrame]:
+    if engine != ENGINE:
+        raise TrialsError("a worker runs another version of the software; install the same one everywhere")
+    return block, run_cell(cell, seed, block.first, block.count)
+
+
+def _on_cores(run: Run, missing: Sequence[Block], jobs: int) -> Iterator[tuple[Block, pd.DataFrame]]:
+    warm_up(run)
+    if jobs == 1:
+        for block in missing:
+            yield _work(run.cells[block.cell], run.seed, block, run.engine)
+        return
+    import joblib
+
+    parallel: Any = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
+    calls = (joblib.delayed(_work)(run.cells[block.cell], run.seed, block, run.engine) for block in missing)
+    results = parallel(calls)
+    try:
+        yield from results
+    finally:
+        with warnings.catch_warnings():
+            # joblib warns that an interrupted run leaves work undone, which is what was asked for.
+            warnings.simplefilter("ignore")
+            results.close()
+
+
+def _on_cluster(run: Run, missing: Sequence[Block], scheduler: str) -> Iterator[tuple[Block, pd.DataFrame]]:
+    try:
+        import distributed
+    except ImportError as error:
+        raise TrialsError("--scheduler needs dask: pip install 'flightstack[cluster]'") from error
+    try:
+        client = distributed.Client(scheduler, timeout="10s")
+    except (OSError, ValueError, TimeoutError) as error:
+        raise TrialsError(f"no dask scheduler answers at {scheduler}: {error}") from error
+    with client:
+        futures = [
+            client.submit(_work, run.cells[block.cell], run.seed, block, run.engine, pure=False)
+            for block in missing
+        ]
+        for _, result in distributed.as_completed(futures, with_results=True):
+            yield result

@@ -1,0 +1,82 @@
+"""The one door to the compiler: the rules of `mission` and the kernels of the trials become machine code here.
+
+`mission` itself never imports numba (a drone has no compiler). Its rules are plain functions of numbers and small
+arrays; registering them here lets compiled kernels call the very same functions.
+
+Machine code is kept in the user's cache directory under a name made of the sources it came from, so a change
+anywhere in the rules or kernels is never answered with stale code.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import pathlib
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import numba
+import numba.extending
+
+import mission
+import mission.formation as formation_rules
+import mission.search.gradient as gradient_rules
+import mission.search.mobs as mobs_rules
+import mission.search.spiral as spiral_rules
+import mission.tree as tree_rules
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+_RULES = (
+    tree_rules.first_in_order,
+    tree_rules.last_in_order,
+    tree_rules.heir_slot,
+    tree_rules.next_heal,
+    tree_rules.next_rebalance,
+    gradient_rules.plane_gradient,
+    gradient_rules.waypoint_uphill,
+    spiral_rules.spiral_point,
+    mobs_rules.mobs_begin,
+    mobs_rules.mobs_next,
+    formation_rules.rotated,
+)
+
+
+def _source_identity() -> str:
+    """A short hash of every source file that a trial's outcome depends on."""
+    digest = hashlib.sha256(numba.__version__.encode())
+    roots = [pathlib.Path(str(mission.__file__)).parent, pathlib.Path(__file__).parent]
+    extra = [pathlib.Path(__file__).parents[1] / "plumes.py"]
+    for path in sorted(file for root in roots for file in root.rglob("*.py")) + extra:
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+ENGINE = _source_identity()
+"""Equal for equal rules and kernels: results of two engines are never mixed."""
+
+
+def _cache_directory() -> pathlib.Path:
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (pathlib.Path(base) if base else pathlib.Path.home() / ".cache") / "flightstack" / ENGINE
+
+
+if not os.environ.get("NUMBA_CACHE_DIR"):
+    numba.config.CACHE_DIR = str(_cache_directory())  # type: ignore[attr-defined]
+
+for _rule in _RULES:
+    numba.extending.register_jitable(_rule)
+
+
+_OPTIONS: dict[str, Any] = {"cache": True, "error_model": "numpy"}
+_INNER: dict[str, Any] = {**_OPTIONS, "no_cpython_wrapper": True}
+
+
+def compiled(function: Function) -> Function:
+    """`function` as machine code, compiled at its first call on this machine and kept."""
+    return cast(Function, numba.njit(**_OPTIONS)(function))
+
+
+def kernel(function: Function) -> Function:
+    """Like `compiled`, to be called from compiled code only: saves the translation of Python's arguments."""
+    return cast(Function, numba.njit(**_INNER)(function))

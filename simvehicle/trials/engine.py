@@ -1,0 +1,358 @@
+"""Many trials of one kind, compiled: set up from (seed, trial), flown by one of the strategies."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mission.formation import FloatArray, IntArray
+from simvehicle.trials.compiled import compiled, kernel
+from simvehicle.trials.flight import (
+    ARENA_M,
+    CONTACT,
+    CONTACT_DRONE,
+    FOUND,
+    HEAL_TICKS,
+    HEALS,
+    LEGS,
+    LIMIT,
+    MOVES,
+    NEVER,
+    NOW,
+    ORIGIN_X,
+    ORIGIN_Y,
+    SUCCESS,
+    TALLY,
+    WAYPOINTS,
+    Drones,
+    Scene,
+)
+from simvehicle.trials.locus import Slots, fly_locus
+from simvehicle.trials.luck import (
+    DECISIONS,
+    GENERIC,
+    IN_PLUME,
+    OWN,
+    START,
+    WORLD,
+    geometric_tick,
+    hazard_limit,
+    open_stream,
+    uniform,
+)
+from simvehicle.trials.mobs import fly_mobs
+from simvehicle.trials.motion import ROW, X, Y
+from simvehicle.trials.plume import WAVE_COUNT, WAVES
+
+# Places in the setup's numbers.
+GENERIC_RATE, MOBS_STEP_M, FIXED_SOURCE, GROUP, SETUP_NUMBERS = range(5)
+
+SURVIVORS = TALLY
+"""Column of the results after those of the tally."""
+
+_START_M = 8.0
+"""Drones start at rest, uniform in the square of +-8 m about the launch point (authors)."""
+
+
+@kernel
+def new_drones(count: int, limit: int, legs: FloatArray) -> Drones:
+    tally = np.zeros(TALLY, np.int64)
+    tally[LIMIT] = limit
+    tally[CONTACT] = NEVER
+    tally[CONTACT_DRONE] = -1
+    tally[SUCCESS] = NEVER
+    return Drones(
+        np.zeros((count, ROW)),
+        np.zeros((count, 2)),
+        np.ones(count, np.int64),
+        np.full(count, NEVER),
+        np.full(count, math.inf),
+        np.zeros(count),
+        np.zeros(count, np.int64),
+        np.full(count, NEVER),
+        tally,
+        legs,
+        np.zeros(ROW),
+        np.zeros(FOUND, np.int64),
+    )
+
+
+@kernel
+def prepare_world(scene: Scene, setup: FloatArray, seed: int, trial: int) -> None:
+    """The plume's place (uniform in the arena's square, outside its radius drawn again) and its wind's phases."""
+    stream = np.zeros(1, np.uint64)
+    open_stream(stream, seed, trial, WORLD)
+    arena_m = scene.world[ARENA_M]
+    if setup[FIXED_SOURCE] == 0.0:
+        while True:
+            x = arena_m * (2.0 * uniform(stream) - 1.0)
+            y = arena_m * (2.0 * uniform(stream) - 1.0)
+            if math.hypot(x, y) <= arena_m:
+                break
+        scene.world[ORIGIN_X] = x
+        scene.world[ORIGIN_Y] = y
+    for wave in range(WAVE_COUNT):
+        scene.plume[WAVES + WAVE_COUNT + wave] = 2.0 * math.pi * uniform(stream)
+
+
+@kernel
+def prepare_drones(drones: Drones, first: int, setup: FloatArray, seed: int, trial: int) -> None:
+    """Where drones `first`, `first` + 1, ... start, and when their luck runs out."""
+    stream = np.zeros(1, np.uint64)
+    for i in range(drones.alive.shape[0]):
+        open_stream(stream, seed, trial, START + first + i)
+        for place in range(ROW):
+            drones.rows[i, place] = 0.0
+        drones.hazard[i] = 0.0
+        drones.rows[i, X] = _START_M * (2.0 * uniform(stream) - 1.0)
+        drones.rows[i, Y] = _START_M * (2.0 * uniform(stream) - 1.0)
+        open_stream(stream, seed, trial, GENERIC + first + i)
+        drones.fails[i] = geometric_tick(uniform(stream), setup[GENERIC_RATE])
+        open_stream(stream, seed, trial, IN_PLUME + first + i)
+        drones.limits[i] = hazard_limit(uniform(stream))
+
+
+@kernel
+def _mobs_all(
+    scene: Scene, drones: Drones, setup: FloatArray, seed: int, trial: int, until: int, until_contact: bool
+) -> None:
+    """All drones on their own, up to the first success (or the first contact) of any of them."""
+    tally = drones.tally
+    stream = np.zeros(1, np.uint64)
+    for i in range(drones.alive.shape[0]):
+        open_stream(stream, seed, trial, OWN + i)
+        contact, success = fly_mobs(scene, drones, i, i, stream, setup[MOBS_STEP_M], until, until_contact)
+        if contact < tally[CONTACT]:
+            tally[CONTACT] = contact
+            tally[CONTACT_DRONE] = i
+        if success < tally[SUCCESS]:
+            tally[SUCCESS] = success
+        until = min(until, success)
+        if until_contact:
+            until = min(until, contact)
+
+
+@kernel
+def _settle_mobs(drones: Drones, until: int) -> None:
+    """After `_mobs_all`: the time, and who is still alive at it."""
+    last = 0
+    everybody = True
+    for i in range(drones.alive.shape[0]):
+        drones.alive[i] = 0 if drones.ends[i] <= until else 1
+        if drones.alive[i] == 1:
+            everybody = False
+        else:
+            last = max(last, drones.ends[i])
+    drones.tally[NOW] = last if everybody else until
+
+
+@kernel
+def _hybrid(
+    scene: Scene,
+    drones: Drones,
+    labels: IntArray,
+    slots: Slots,
+    numbers: FloatArray,
+    setup: FloatArray,
+    seed: int,
+    trial: int,
+) -> None:
+    """Golden spokes, each drone alone, until the first contact; then LoCUS around the drone that made it.
+
+    The call reaches everybody at once (a long-range radio; the formation's own needs none). Who is nearest
+    takes the innermost free slot.
+    """
+    count = drones.alive.shape[0]
+    limit = drones.tally[LIMIT]
+    _mobs_all(scene, drones, setup, seed, trial, limit, True)
+    contact = min(drones.tally[CONTACT], drones.tally[SUCCESS])
+    if drones.tally[SUCCESS] < NEVER or contact >= limit:
+        _settle_mobs(drones, min(limit, contact))
+        return
+    # Everybody again, exactly up to the tick of the contact.
+    caller = drones.tally[CONTACT_DRONE]
+    prepare_drones(drones, 0, setup, seed, trial)
+    drones.tally[CONTACT] = NEVER
+    _mobs_all(scene, drones, setup, seed, trial, contact, False)
+    drones.tally[CONTACT] = contact
+    drones.tally[CONTACT_DRONE] = caller
+    _settle_mobs(drones, contact)
+    holder = np.full(count, -1, np.int64)
+    placed = np.zeros(count, np.int64)
+    for slot in range(count):
+        nearest = -1
+        least_m = math.inf
+        for i in range(count):
+            away_m = math.hypot(
+                drones.rows[i, X] - drones.rows[caller, X], drones.rows[i, Y] - drones.rows[caller, Y]
+            )
+            if drones.alive[i] == 1 and placed[i] == 0 and away_m < least_m:
+                nearest, least_m = i, away_m
+        if nearest >= 0:
+            placed[nearest] = 1
+            holder[slot] = nearest
+    if holder[0] < 0:
+        return
+    stream = np.zeros(1, np.uint64)
+    open_stream(stream, seed, trial, DECISIONS)
+    x, y = drones.rows[caller, X], drones.rows[caller, Y]
+    fly_locus(scene, drones, labels, slots, holder, numbers, stream, x, y)
+
+
+@kernel
+def _multi(
+    scene: Scene,
+    drones: Drones,
+    slots: Slots,
+    numbers: FloatArray,
+    setup: FloatArray,
+    seed: int,
+    trial: int,
+) -> None:
+    """Several sub-swarms of about GROUP drones, each a LoCUS swarm of its own on golden spokes of its own."""
+    count = drones.alive.shape[0]
+    groups = max(1, int(count // setup[GROUP]))
+    total = drones.tally
+    limit = total[LIMIT]
+    stream = np.zeros(1, np.uint64)
+    # The first round finds when the trial ends, the second flies everybody exactly until then.
+    for last_round in range(2):
+        if last_round == 1:
+            limit = min(limit, total[SUCCESS])
+            total[CONTACT] = NEVER
+        total[NOW] = 0
+        for group in range(groups):
+            first = group * count // groups
+            members = (group + 1) * count // groups - first
+            part = new_drones(members, limit, drones.legs if last_round == 1 else drones.legs[:0])
+            part.tally[LEGS] = total[LEGS] if last_round == 1 else 0
+            prepare_drones(part, first, setup, seed, trial)
+            open_stream(stream, seed, trial, OWN + group)
+            labels = np.arange(first, first + members)
+            fly_locus(scene, part, labels, slots, np.arange(members), numbers, stream, 0.0, 0.0)
+            total[NOW] = max(total[NOW], part.tally[NOW])
+            total[SUCCESS] = min(total[SUCCESS], part.tally[SUCCESS])
+            if part.tally[CONTACT] < total[CONTACT]:
+                total[CONTACT] = part.tally[CONTACT]
+                total[CONTACT_DRONE] = first + part.tally[CONTACT_DRONE]
+            if last_round == 1:
+                total[LEGS] = part.tally[LEGS]
+                for place in (HEALS, MOVES, HEAL_TICKS, WAYPOINTS):
+                    total[place] += part.tally[place]
+                for i in range(members):
+                    drones.alive[first + i] = part.alive[i]
+
+
+@kernel
+def _note(scene: Scene, drones: Drones, result: IntArray, origin: FloatArray) -> None:
+    """The outcome of a trial: its tally, how many survived, and where the plume's origin was."""
+    for place in range(TALLY):
+        result[place] = drones.tally[place]
+    result[SURVIVORS] = 0
+    for i in range(drones.alive.shape[0]):
+        result[SURVIVORS] += drones.alive[i]
+    origin[0] = scene.world[ORIGIN_X]
+    origin[1] = scene.world[ORIGIN_Y]
+
+
+@kernel
+def _begin(
+    scene: Scene, setup: FloatArray, count: int, seed: int, trial: int, limit: int, legs: FloatArray
+) -> Drones:
+    """The world and the drones of one trial."""
+    drones = new_drones(count, limit, legs)
+    prepare_world(scene, setup, seed, trial)
+    prepare_drones(drones, 0, setup, seed, trial)
+    return drones
+
+
+# One entry a strategy, so that only what is asked for gets compiled. Each flies trials `first`, `first` + 1, ...
+# of `count` drones, and fills one row of `results` and `origins` a trial.
+
+
+@compiled
+def run_locus(
+    scene: Scene,
+    slots: Slots,
+    numbers: FloatArray,
+    setup: FloatArray,
+    count: int,
+    seed: int,
+    first: int,
+    limit: int,
+    legs: FloatArray,
+    results: IntArray,
+    origins: FloatArray,
+) -> None:
+    draws = np.zeros(1, np.uint64)
+    for row in range(results.shape[0]):
+        drones = _begin(scene, setup, count, seed, first + row, limit, legs)
+        open_stream(draws, seed, first + row, DECISIONS)
+        fly_locus(scene, drones, np.arange(count), slots, np.arange(count), numbers, draws, 0.0, 0.0)
+        _note(scene, drones, results[row], origins[row])
+
+
+@compiled
+def run_mobs(
+    scene: Scene,
+    slots: Slots,  # noqa: ARG001 (one signature for all)
+    numbers: FloatArray,  # noqa: ARG001
+    setup: FloatArray,
+    count: int,
+    seed: int,
+    first: int,
+    limit: int,
+    legs: FloatArray,
+    results: IntArray,
+    origins: FloatArray,
+) -> None:
+    for row in range(results.shape[0]):
+        drones = _begin(scene, setup, count, seed, first + row, limit, legs)
+        _mobs_all(scene, drones, setup, seed, first + row, limit, False)
+        _settle_mobs(drones, min(limit, drones.tally[SUCCESS]))
+        _note(scene, drones, results[row], origins[row])
+
+
+@compiled
+def run_hybrid(
+    scene: Scene,
+    slots: Slots,
+    numbers: FloatArray,
+    setup: FloatArray,
+    count: int,
+    seed: int,
+    first: int,
+    limit: int,
+    legs: FloatArray,
+    results: IntArray,
+    origins: FloatArray,
+) -> None:
+    for row in range(results.shape[0]):
+        drones = _begin(scene, setup, count, seed, first + row, limit, legs)
+        _hybrid(scene, drones, np.arange(count), slots, numbers, setup, seed, first + row)
+        _note(scene, drones, results[row], origins[row])
+
+
+@compiled
+def run_multi(
+    scene: Scene,
+    slots: Slots,
+    numbers: FloatArray,
+    setup: FloatArray,
+    count: int,
+    seed: int,
+    first: int,
+    limit: int,
+    legs: FloatArray,
+    results: IntArray,
+    origins: FloatArray,
+) -> None:
+    for row in range(results.shape[0]):
+        drones = _begin(scene, setup, count, seed, first + row, limit, legs)
+        _multi(scene, drones, slots, numbers, setup, seed, first + row)
+        _note(scene, drones, results[row], origins[row])
+
+
+RUNS = {"locus": run_locus, "mobs": run_mobs, "locus-hybrid": run_hybrid, "locus-multi": run_multi}
+"""Strategy -> entry."""

@@ -1,0 +1,285 @@
+"""One leg of several drones: who arrives when, who fails, who reads something first, who comes to the source.
+
+Whatever can happen to a drone within a leg is found at its exact tick, but the ticks are only walked through
+where something can happen: for a drone whose way passes the plume or the source.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from mission.formation import FloatArray, IntArray
+from simvehicle.trials.compiled import kernel
+from simvehicle.trials.motion import PD, ROW, TICKS_PER_S, X, Y, copy_row, fly, freeze, leg_ticks, pd_tick
+from simvehicle.trials.plume import HIGH_X, HIGH_Y, LOW_X, LOW_Y, SOURCE_X, SOURCE_Y, reading
+
+NEVER = 1 << 60
+
+# Places in the numbers of a world.
+ORIGIN_X, ORIGIN_Y, SUCCESS_M, IN_PLUME_RATE, IN_PLUME_DRAWS, ARENA_M, WORLD_NUMBERS = range(7)
+
+# Places in the tally of a trial, all whole numbers; NEVER where a tick is not reached.
+NOW, LIMIT, CONTACT, CONTACT_DRONE, SUCCESS, HEALS, MOVES, HEAL_TICKS, WAYPOINTS, LEGS, TALLY = range(11)
+
+# Places in a recorded leg: drone, first tick, ticks, target, then the motion state at its beginning.
+LEG_DRONE, LEG_START, LEG_TICKS, LEG_X, LEG_Y, LEG_ROW = range(6)
+LEG = LEG_ROW + ROW
+
+# Places in what `walk` finds.
+FAILURE, FIRST_CONTACT, FIRST_SUCCESS, FOUND = range(4)
+
+LIMIT_FACTOR = 1.5
+"""Drones stay within so many arena radii of the start, per axis (authors)."""
+_BESIDE_M = 1.0
+"""No leg leaves the rectangle between its ends by more than this (the controller is overdamped)."""
+
+
+class Scene(NamedTuple):
+    """What does not change in a trial."""
+
+    motion: FloatArray
+    world: FloatArray
+    plume: FloatArray
+    grid: FloatArray
+    powers: FloatArray
+
+
+class Drones(NamedTuple):
+    """What changes, one row or entry a drone."""
+
+    rows: FloatArray
+    """(n, ROW) motion states."""
+    targets: FloatArray
+    """(n, 2) metres north, east."""
+    alive: IntArray
+    fails: IntArray
+    """The tick at which a drone fails of itself."""
+    limits: FloatArray
+    """The hazard at which it fails in the plume."""
+    hazard: FloatArray
+    """The hazard that it has collected."""
+    arrives: IntArray
+    """Scratch: ticks of the present leg to arrival."""
+    ends: IntArray
+    """Scratch: ticks of the present leg to the drone's failure."""
+    tally: IntArray
+    legs: FloatArray
+    """(m, LEG) record of the legs flown, for plots; m = 0 when nobody wants it."""
+    work: FloatArray
+    found: IntArray
+
+
+@kernel
+def read_at(scene: Scene, row: FloatArray, tick: int) -> float:
+    """What a drone in state `row` reads at `tick`."""
+    x = row[X] - scene.world[ORIGIN_X]
+    y = row[Y] - scene.world[ORIGIN_Y]
+    return reading(scene.plume, scene.grid, x, y, tick / TICKS_PER_S)
+
+
+@kernel
+def _passes(
+    scene: Scene,
+    row: FloatArray,
+    tx: float,
+    ty: float,
+    low_x: float,
+    high_x: float,
+    low_y: float,
+    high_y: float,
+) -> bool:
+    """Whether the way from `row` to the target may cross a rectangle that is given relative to the plume."""
+    x = scene.world[ORIGIN_X]
+    y = scene.world[ORIGIN_Y]
+    return bool(
+        max(row[X], tx) + _BESIDE_M >= x + low_x
+        and min(row[X], tx) - _BESIDE_M <= x + high_x
+        and max(row[Y], ty) + _BESIDE_M >= y + low_y
+        and min(row[Y], ty) - _BESIDE_M <= y + high_y
+    )
+
+
+@kernel
+def passes_plume(scene: Scene, row: FloatArray, tx: float, ty: float) -> bool:
+    plume = scene.plume
+    return _passes(scene, row, tx, ty, plume[LOW_X], plume[HIGH_X], plume[LOW_Y], plume[HIGH_Y])
+
+
+@kernel
+def passes_source(scene: Scene, row: FloatArray, tx: float, ty: float) -> bool:
+    x, y, near = scene.plume[SOURCE_X], scene.plume[SOURCE_Y], scene.world[SUCCESS_M]
+    return _passes(scene, row, tx, ty, x - near, x + near, y - near, y + near)
+
+
+@kernel
+def walk(
+    scene: Scene,
+    start: FloatArray,
+    tx: float,
+    ty: float,
+    start_tick: int,
+    ticks: int,
+    hazard: float,
+    limit: float,
+    want_contact: bool,
+    work: FloatArray,
+    found: IntArray,
+) -> float:
+    """Walk through `ticks` ticks of a leg; `found` gets the ticks of failure, first contact and success.
+
+    Returns the hazard at the end. A drone that fails at a tick reads nothing and finds nothing there.
+    """
+    found[FAILURE] = NEVER
+    found[FIRST_CONTACT] = NEVER
+    found[FIRST_SUCCESS] = NEVER
+    world = scene.world
+    rate = world[IN_PLUME_RATE]
+    near2 = world[SUCCESS_M] * world[SUCCESS_M]
+    source_x = world[ORIGIN_X] + scene.plume[SOURCE_X]
+    source_y = world[ORIGIN_Y] + scene.plume[SOURCE_Y]
+    copy_row(start, work)
+    for k in range(1, ticks + 1):
+        if scene.motion[0] == PD:
+            pd_tick(work, 0, tx)
+            pd_tick(work, 1, ty)
+        else:
+            copy_row(start, work)
+            fly(scene.motion, work, tx, ty, k, scene.powers)
+        if rate > 0.0 or (want_contact and found[FIRST_CONTACT] == NEVER):
+            value = read_at(scene, work, start_tick + k)
+            if value > 0.0:
+                if rate > 0.0:
+                    chance = min(rate * value, 1.0)
+                    hazard += world[IN_PLUME_DRAWS] * (-math.log1p(-chance) if chance < 1.0 else math.inf)
+                    if hazard >= limit:
+                        found[FAILURE] = k
+                        return hazard
+                found[FIRST_CONTACT] = min(found[FIRST_CONTACT], k)
+        dx = work[X] - source_x
+        dy = work[Y] - source_y
+        if dx * dx + dy * dy < near2:
+            found[FIRST_SUCCESS] = min(found[FIRST_SUCCESS], k)
+    return hazard
+
+
+@kernel
+def record(drones: Drones, drone: int, label: int, start_tick: int, ticks: int) -> None:
+    """Note a leg that begins in the drone's present state, if there is room."""
+    at = drones.tally[LEGS]
+    if at < drones.legs.shape[0]:
+        leg = drones.legs[at]
+        leg[LEG_DRONE] = label
+        leg[LEG_START] = start_tick
+        leg[LEG_TICKS] = ticks
+        leg[LEG_X] = drones.targets[drone, 0]
+        leg[LEG_Y] = drones.targets[drone, 1]
+        copy_row(drones.rows[drone], leg[LEG_ROW:])
+        drones.tally[LEGS] = at + 1
+
+
+@kernel
+def _longest(scene: Scene, drones: Drones, required: IntArray) -> int:
+    """Ticks until the last required drone that lives has arrived, were nobody to fail; 0 if there is none."""
+    longest = 0
+    for i in range(drones.alive.shape[0]):
+        if drones.alive[i] == 1 and required[i] == 1:
+            tx, ty = drones.targets[i, 0], drones.targets[i, 1]
+            ticks = leg_ticks(scene.motion, drones.rows[i], tx, ty, scene.powers, drones.work)
+            drones.arrives[i] = ticks
+            longest = max(longest, ticks)
+    return longest
+
+
+@kernel
+def _walk_drone(scene: Scene, drones: Drones, i: int, ticks: int, want_contact: bool) -> float:
+    return walk(
+        scene,
+        drones.rows[i],
+        drones.targets[i, 0],
+        drones.targets[i, 1],
+        drones.tally[NOW],
+        ticks,
+        drones.hazard[i],
+        drones.limits[i],
+        want_contact,
+        drones.work,
+        drones.found,
+    )
+
+
+@kernel
+def _failures(scene: Scene, drones: Drones, longest: int) -> None:
+    """Find for every drone after how many ticks of the leg it fails."""
+    for i in range(drones.alive.shape[0]):
+        if drones.alive[i] == 0:
+            continue
+        drones.ends[i] = max(drones.fails[i] - drones.tally[NOW], 1)
+        tx, ty = drones.targets[i, 0], drones.targets[i, 1]
+        if scene.world[IN_PLUME_RATE] > 0.0 and passes_plume(scene, drones.rows[i], tx, ty):
+            _walk_drone(scene, drones, i, min(longest, drones.ends[i] - 1), False)
+            drones.ends[i] = min(drones.ends[i], drones.found[FAILURE])
+
+
+@kernel
+def _watch(scene: Scene, drones: Drones, end: int) -> int:
+    """Look for the first contact and the first success within `end` ticks; returns the tick of success."""
+    tally = drones.tally
+    contact = NEVER
+    contact_drone = -1
+    success = NEVER
+    want_contact = tally[CONTACT] == NEVER
+    for i in range(drones.alive.shape[0]):
+        if drones.alive[i] == 0:
+            continue
+        tx, ty = drones.targets[i, 0], drones.targets[i, 1]
+        wanted = want_contact or scene.world[IN_PLUME_RATE] > 0.0
+        in_plume = wanted and passes_plume(scene, drones.rows[i], tx, ty)
+        if in_plume or passes_source(scene, drones.rows[i], tx, ty):
+            ticks = min(end, drones.ends[i] - 1)
+            drones.hazard[i] = _walk_drone(scene, drones, i, ticks, want_contact)
+            success = min(success, drones.found[FIRST_SUCCESS])
+            if drones.found[FIRST_CONTACT] < contact:
+                contact = drones.found[FIRST_CONTACT]
+                contact_drone = i
+    if want_contact and contact <= min(end, success):
+        tally[CONTACT] = tally[NOW] + contact
+        tally[CONTACT_DRONE] = contact_drone
+    return success
+
+
+@kernel
+def fly_leg(scene: Scene, drones: Drones, labels: IntArray, required: IntArray, hold: int) -> bool:
+    """Fly everybody towards the targets until all `required` drones that live have arrived.
+
+    With `hold` above 0: for so many ticks, whoever arrives. Returns whether the trial goes on; it ends at the
+    tick of success, at the limit, and when nobody is alive. `labels` are the drones' names in the record.
+    """
+    tally = drones.tally
+    now = tally[NOW]
+    count = drones.alive.shape[0]
+    longest = hold if hold > 0 else _longest(scene, drones, required)
+    if longest == 0:
+        return False
+    _failures(scene, drones, longest)
+    end = hold
+    if hold == 0:
+        for i in range(count):
+            if drones.alive[i] == 1 and required[i] == 1:
+                end = max(end, min(drones.arrives[i], drones.ends[i]))
+    end = min(end, tally[LIMIT] - now)
+    success = _watch(scene, drones, end)
+    end = min(end, success)
+    for i in range(count):
+        if drones.alive[i] == 1:
+            ticks = min(end, drones.ends[i])
+            record(drones, i, labels[i], now, ticks)
+            fly(scene.motion, drones.rows[i], drones.targets[i, 0], drones.targets[i, 1], ticks, scene.powers)
+            if drones.ends[i] <= end:
+                freeze(drones.rows[i])
+                drones.alive[i] = 0
+    tally[NOW] = now + end
+    if success <= end:
+        tally[SUCCESS] = tally[NOW]
+        return False
+    return bool(tally[NOW] < tally[LIMIT])

@@ -1,0 +1,218 @@
+"""How a drone of the trials moves from point to point, in closed form, tick by tick exact.
+
+Two models, both horizontal, 16 ticks a second:
+
+* `pd`, the paper authors' position controller: per axis and tick, with h = 0.00625,
+  x += v h; v += h a; e = target - x; a = clamp(20 e + 10 (e - e_before) / h, -1000, 1000).
+  Away from the clamp the step is linear in (x - target, v, a), so k ticks are one multiplication with the
+  k-th power of a constant matrix. The clamp acts in the first tick or ticks of a leg only (the kick that a new
+  target gives to the derivative, and legs over 50 m); these are stepped one by one.
+* `cruise`, a real drone: straight to the target with limited speed and acceleration, from rest to rest,
+  then a pause to settle.
+
+A drone's state is a row of 8 numbers: x, y, vx, vy, ax, ay and the control errors ex, ey of the tick before
+(x north, y east, metres; `cruise` uses the first two).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from mission.formation import FloatArray
+from simvehicle.trials.compiled import kernel
+
+TICKS_PER_S = 16
+X, Y, VX, VY, AX, AY, EX, EY, ROW = range(9)
+PD, CRUISE = 0, 1
+PD_STEP, PD_P, PD_D, PD_CLAMP = 0.00625, 20.0, 10.0, 1000.0
+ARRIVED_M = 0.1
+"""`pd`: a waypoint is reached when both axes are nearer than this at a tick."""
+_POWERS = 2048
+_FAR = 1 << 40
+
+
+class Pd(msgspec.Struct, frozen=True, tag="pd", tag_field="model", forbid_unknown_fields=True):
+    """The authors' controller: ten times slower than its gains suggest (a 10 m leg takes about 13 s)."""
+
+
+class Cruise(msgspec.Struct, frozen=True, tag="cruise", tag_field="model", forbid_unknown_fields=True):
+    """A real drone's limits."""
+
+    speed_mps: Annotated[float, Meta(gt=0.0)] = 5.0
+    acceleration_mps2: Annotated[float, Meta(gt=0.0)] = 2.0
+    settle_s: Annotated[float, Meta(ge=0.0)] = 1.0
+    """Pause at every waypoint before the reading counts."""
+
+
+Motion = Pd | Cruise
+MotionName = Literal["pd", "cruise"]
+
+
+def motion_numbers(motion: Motion) -> FloatArray:
+    """`motion` as the kernels take it: kind, then the numbers of `cruise`."""
+    if isinstance(motion, Pd):
+        return np.array([PD, 0.0, 0.0, 0.0])
+    return np.array([CRUISE, motion.speed_mps, motion.acceleration_mps2, motion.settle_s])
+
+
+def _powers() -> FloatArray:
+    step = np.array(
+        [
+            [1.0, PD_STEP, 0.0],
+            [0.0, 1.0, PD_STEP],
+            [-PD_P, -PD_P * PD_STEP - PD_D, 0.0],
+        ]
+    )
+    table = np.empty((_POWERS, 3, 3))
+    table[0] = np.eye(3)
+    for k in range(1, _POWERS):
+        table[k] = table[k - 1] @ step
+    return table
+
+
+POWERS = _powers()
+"""POWERS[k] takes (x - target, v, a) forward by k ticks."""
+
+
+@kernel
+def copy_row(source: FloatArray, target: FloatArray) -> None:
+    """`target[:] = source`, which the compiler takes ten times longer to compile."""
+    for place in range(ROW):
+        target[place] = source[place]
+
+
+@kernel
+def pd_tick(row: FloatArray, axis: int, target: float) -> bool:
+    """One tick of one axis; whether the clamp acted."""
+    row[X + axis] += row[VX + axis] * PD_STEP
+    row[VX + axis] += row[AX + axis] * PD_STEP
+    error = target - row[X + axis]
+    wanted = PD_P * error + PD_D * (error - row[EX + axis]) / PD_STEP
+    row[EX + axis] = error
+    row[AX + axis] = min(max(wanted, -PD_CLAMP), PD_CLAMP)
+    return bool(abs(wanted) > PD_CLAMP)
+
+
+@kernel
+def _pd_free(row: FloatArray, tx: float, ty: float, most: int, stop_inside: bool) -> int:
+    """Step until the clamp acts on neither axis, at most `most` ticks; the number of ticks."""
+    ticks = 0
+    while ticks < most:
+        clamped_x = pd_tick(row, 0, tx)
+        clamped_y = pd_tick(row, 1, ty)
+        ticks += 1
+        if not (clamped_x or clamped_y):
+            break
+        if stop_inside and abs(row[EX]) < ARRIVED_M and abs(row[EY]) < ARRIVED_M:
+            break
+    return ticks
+
+
+@kernel
+def _pd_inside(row: FloatArray, tx: float, ty: float, powers: FloatArray, k: int) -> bool:
+    dx = powers[k, 0, 0] * (row[X] - tx) + powers[k, 0, 1] * row[VX] + powers[k, 0, 2] * row[AX]
+    dy = powers[k, 0, 0] * (row[Y] - ty) + powers[k, 0, 1] * row[VY] + powers[k, 0, 2] * row[AY]
+    return bool(abs(dx) < ARRIVED_M and abs(dy) < ARRIVED_M)
+
+
+@kernel
+def _pd_ticks(row: FloatArray, tx: float, ty: float, powers: FloatArray, work: FloatArray) -> int:
+    """Ticks until the drone is inside ARRIVED_M of its target; it stays there (the controller is overdamped)."""
+    copy_row(row, work)
+    ticks = _pd_free(work, tx, ty, _FAR, True)
+    if abs(work[EX]) < ARRIVED_M and abs(work[EY]) < ARRIVED_M:
+        return ticks
+    outside, inside = 0, 64
+    while not _pd_inside(work, tx, ty, powers, inside):
+        outside = inside
+        inside = min(2 * inside, powers.shape[0] - 1)
+        if outside == inside:
+            return _FAR  # cannot be: 2047 ticks bring any leg inside
+    while inside - outside > 1:
+        middle = (inside + outside) // 2
+        if _pd_inside(work, tx, ty, powers, middle):
+            inside = middle
+        else:
+            outside = middle
+    return ticks + inside
+
+
+@kernel
+def _cruise_s(length_m: float, speed_mps: float, acceleration_mps2: float) -> float:
+    """Time of a flight from rest to rest."""
+    if length_m * acceleration_mps2 >= speed_mps * speed_mps:
+        return length_m / speed_mps + speed_mps / acceleration_mps2
+    return 2.0 * math.sqrt(length_m / acceleration_mps2)
+
+
+@kernel
+def _cruise_m(time_s: float, length_m: float, speed_mps: float, acceleration_mps2: float) -> float:
+    """Distance flown after `time_s` of a flight from rest to rest."""
+    whole_s = _cruise_s(length_m, speed_mps, acceleration_mps2)
+    if time_s >= whole_s:
+        return length_m
+    ramp_s = min(speed_mps / acceleration_mps2, 0.5 * whole_s)
+    if time_s < ramp_s:
+        return 0.5 * acceleration_mps2 * time_s * time_s
+    left_s = whole_s - time_s
+    if left_s < ramp_s:
+        return length_m - 0.5 * acceleration_mps2 * left_s * left_s
+    return 0.5 * acceleration_mps2 * ramp_s * ramp_s + speed_mps * (time_s - ramp_s)
+
+
+@kernel
+def leg_ticks(
+    motion: FloatArray, row: FloatArray, tx: float, ty: float, powers: FloatArray, work: FloatArray
+) -> int:
+    """How many ticks (at least 1) the drone in state `row` needs to arrive at (tx, ty)."""
+    if motion[0] == PD:
+        return _pd_ticks(row, tx, ty, powers, work)
+    length_m = math.hypot(tx - row[X], ty - row[Y])
+    whole_s = _cruise_s(length_m, motion[1], motion[2]) + motion[3]
+    ticks: int = math.ceil(whole_s * TICKS_PER_S - 1e-9)
+    return max(1, ticks)
+
+
+@kernel
+def fly(motion: FloatArray, row: FloatArray, tx: float, ty: float, ticks: int, powers: FloatArray) -> None:
+    """Take `row` forward by `ticks` ticks of its leg to (tx, ty); the leg begins in state `row`."""
+    if motion[0] == PD:
+        left = ticks - _pd_free(row, tx, ty, ticks, False)
+        while left > 0:
+            k = min(left, powers.shape[0] - 1)
+            for axis in range(2):
+                target = tx if axis == 0 else ty
+                d = row[X + axis] - target
+                v = row[VX + axis]
+                a = row[AX + axis]
+                moved = powers[k, 0, 0] * d + powers[k, 0, 1] * v + powers[k, 0, 2] * a
+                row[VX + axis] = powers[k, 1, 0] * d + powers[k, 1, 1] * v + powers[k, 1, 2] * a
+                row[AX + axis] = powers[k, 2, 0] * d + powers[k, 2, 1] * v + powers[k, 2, 2] * a
+                row[X + axis] = target + moved
+                row[EX + axis] = -moved
+            left -= k
+        return
+    length_m = math.hypot(tx - row[X], ty - row[Y])
+    if length_m > 0.0:
+        share = _cruise_m(ticks / TICKS_PER_S, length_m, motion[1], motion[2]) / length_m
+        row[X] += share * (tx - row[X])
+        row[Y] += share * (ty - row[Y])
+
+
+@kernel
+def straight_ticks(motion: FloatArray, length_m: float, powers: FloatArray, work: FloatArray) -> int:
+    """How many ticks a flight along one axis takes from rest: the climbs and descents of an heir."""
+    rest = np.zeros(ROW)
+    return leg_ticks(motion, rest, length_m, 0.0, powers, work)
+
+
+@kernel
+def freeze(row: FloatArray) -> None:
+    """The drone has failed: it stays where it is and never moves again."""
+    for place in range(VX, ROW):
+        row[place] = 0.0

@@ -1,0 +1,112 @@
+"""What a drone of the trials reads at a point: compiled plume models, normalised to a peak of 1.
+
+* `locus-grid`: the plume of the paper's experiments (`simvehicle.plumes.locus_grid`), downwind north.
+* `gaussian`: the physical plume (`simvehicle.plumes.Gaussian`: finite vent, Briggs' spreads, reflection at the
+  ground) cut at the drones' height, and with a gusting wind it meanders: the puff that is now x downwind left the
+  vent x/u ago and was carried sideways by the crosswind since (Gifford 1959), here a sum of four waves.
+
+Values under the paper's cut of 0.005 are 0.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import Literal
+
+import numpy as np
+
+from mission.formation import FloatArray
+from simvehicle.config import GaussianPlume
+from simvehicle.plumes import LOCUS_CELL_M, LOCUS_CUT, LOCUS_WIDTH_M, Gaussian, locus_grid
+from simvehicle.trials.compiled import kernel
+
+PlumeName = Literal["locus-grid", "gaussian"]
+
+# Places in a plume's numbers.
+KIND, SOURCE_X, SOURCE_Y, LOW_X, HIGH_X, LOW_Y, HIGH_Y, VENT, HEIGHT, PEAK, WIND, WAVES = range(12)
+WAVE_COUNT = 4
+NUMBERS = WAVES + 2 * WAVE_COUNT
+GRID, GAUSSIAN = 0, 1
+
+VENT_SD_M = 4.0
+HEIGHT_M = 10.0
+WIND_MPS = 3.0
+_WAVE_PERIODS_S = (7.0, 19.0, 43.0, 101.0)
+"""Periods of the crosswind's waves: gusts of seconds to a slow veering of minutes, no two in step."""
+
+
+@functools.cache
+def plume_numbers(name: PlumeName, perturbed: bool, gust_sd_mps: float) -> tuple[FloatArray, FloatArray]:
+    """(numbers, grid) of a plume about the origin; the source's place and box are relative to it."""
+    numbers = np.zeros(NUMBERS)
+    if name == "locus-grid":
+        grid = locus_grid(perturbed)
+        row, column = np.unravel_index(int(np.argmax(grid)), grid.shape)
+        rows, columns = np.nonzero(grid)
+        numbers[KIND] = GRID
+        numbers[SOURCE_X] = (int(row) + 0.5) * LOCUS_CELL_M
+        numbers[SOURCE_Y] = (int(column) + 0.5) * LOCUS_CELL_M - LOCUS_WIDTH_M / 2.0
+        numbers[LOW_X] = rows.min() * LOCUS_CELL_M
+        numbers[HIGH_X] = (rows.max() + 1) * LOCUS_CELL_M
+        numbers[LOW_Y] = columns.min() * LOCUS_CELL_M - LOCUS_WIDTH_M / 2.0
+        numbers[HIGH_Y] = (columns.max() + 1) * LOCUS_CELL_M - LOCUS_WIDTH_M / 2.0
+        return numbers, grid
+    config = GaussianPlume(
+        source_north_m=0.0, source_east_m=0.0, source_above_home_m=HEIGHT_M, vent_sd_m=VENT_SD_M
+    )
+    steady = Gaussian(config, (WIND_MPS, 0.0, 0.0), 0.0)
+    numbers[KIND] = GAUSSIAN
+    numbers[SOURCE_X], numbers[SOURCE_Y], _ = steady.source_ned_m
+    numbers[LOW_X] = numbers[LOW_Y] = -math.inf
+    numbers[HIGH_X] = numbers[HIGH_Y] = math.inf
+    numbers[VENT], numbers[HEIGHT], numbers[WIND] = VENT_SD_M, HEIGHT_M, WIND_MPS
+    numbers[PEAK] = 1.0
+    numbers[PEAK] = gaussian_value(numbers, float(numbers[SOURCE_X]), 0.0)
+    # Four waves of equal amplitude a have the variance 4 a^2 / 2. Their phases are the trial's.
+    numbers[WAVES : WAVES + WAVE_COUNT] = gust_sd_mps * math.sqrt(2.0 / WAVE_COUNT)
+    return numbers, np.zeros((1, 1))
+
+
+_OMEGA_RADPS = np.array([2.0 * math.pi / period_s for period_s in _WAVE_PERIODS_S])
+
+
+@kernel
+def gaussian_value(plume: FloatArray, x: float, y: float) -> float:
+    """Concentration of the Gaussian plume at the height of its release, x downwind and y crosswind, over PEAK."""
+    vent2 = plume[VENT] * plume[VENT]
+    sy2 = vent2
+    sz2 = vent2
+    tail = 0.0
+    if x >= 0.0:
+        sy2 += 0.0064 * x * x / (1.0 + 0.0001 * x)
+        sz2 += 0.0036 * x * x / (1.0 + 0.0015 * x)
+    else:
+        tail = x * x / vent2
+    reflected = math.exp(-2.0 * plume[HEIGHT] * plume[HEIGHT] / sz2)
+    across = math.exp(-0.5 * (y * y / sy2 + tail))
+    return float(across / math.sqrt(sy2 * sz2) * (1.0 + reflected) / plume[PEAK])
+
+
+@kernel
+def reading(plume: FloatArray, grid: FloatArray, x: float, y: float, time_s: float) -> float:
+    """What a sensor at (x, y) north and east of the plume's origin reads, in [0, 1]."""
+    if plume[KIND] == GRID:
+        row = math.floor(x / LOCUS_CELL_M)
+        column = math.floor((y + LOCUS_WIDTH_M / 2.0) / LOCUS_CELL_M)
+        if 0 <= row < grid.shape[0] and 0 <= column < grid.shape[1]:
+            return float(grid[int(row), int(column)])
+        return 0.0
+    shift = 0.0
+    if x > 0.0 and plume[WAVES] > 0.0:
+        left_s = time_s - x / plume[WIND]
+        for wave in range(WAVE_COUNT):
+            omega = _OMEGA_RADPS[wave]
+            phase = plume[WAVES + WAVE_COUNT + wave]
+            shift += (
+                plume[WAVES + wave]
+                / omega
+                * (math.sin(omega * time_s + phase) - math.sin(omega * left_s + phase))
+            )
+    value = gaussian_value(plume, x, y - shift)
+    return value if value >= LOCUS_CUT else 0.0
