@@ -237,13 +237,13 @@ class Safety:
         a, action = self._a, int(self._a.parameters["FS_EKF_ACTION"])
         if not a.armed or a.landed or action == 0:
             return
+        mode = Mode.ALT_HOLD if action == 2 else Mode.LAND
         if a.mode is Mode.LAND:
             a.maneuver = Land(with_position=False)
-        elif a.mode in NEED_POSITION or action == 3:
-            a.set_mode(Mode.ALT_HOLD if action == 2 else Mode.LAND)
-            if a.mode is Mode.LAND:
+        elif (a.mode in NEED_POSITION or action == 3) and a.set_mode(mode):
+            if mode is Mode.LAND:
                 a.maneuver = Land(with_position=False, pause_s=_LAND_PAUSE_S)
-            a.say(_CRITICAL, f"EKF Failsafe: changed to {a.mode.name} Mode")
+            a.say(_CRITICAL, f"EKF Failsafe: changed to {mode.name} Mode")
 
     def _battery(self, now_s: float) -> None:
         a, p = self._a, self._a.parameters

@@ -1,7 +1,7 @@
 """The simulated ArduCopter against a real one: the ground's side of a recorded flight is played to it.
 
-Every message that the ground sent in the recording is sent at its time; what the vehicle then says of its own (answers,
-texts, mission progress, mode changes) must be what the real ArduCopter 4.6.3 said, in the same order.
+Every message that the ground sent in the recording is sent at its time; what the vehicle then says (answers, texts,
+mission progress, mode changes) must be what the real ArduCopter 4.6.3 said, in the same order.
 """
 
 from __future__ import annotations
@@ -98,8 +98,8 @@ class Listener:
 
 
 class RecordedWind:
-    """No wind until the operator switched on 8 m/s from the south; less near the ground, as ArduPilot's simulator has it
-    (the square root of the height over 60 m)."""
+    """No wind until the operator switched on 8 m/s from the south; less near the ground, as ArduPilot's simulator
+    has it (the square root of the height over 60 m)."""
 
     def wind_ned_mps(self, position_ned_m: Vector3, time_s: float) -> Vector3:
         share = math.sqrt(min(1.0, max(0.0, -position_ned_m[2]) / 60.0))
@@ -188,7 +188,7 @@ def test_says_it_when_the_real_one_said_it() -> None:
 
 
 def test_flies_as_the_real_one_flew() -> None:
-    """Take-off, a position target, a velocity target that ends three seconds after the last one, drift without GPS."""
+    """Take-off, a position target, a velocity target that ends 3 s after the last one, drift without GPS."""
     track = simulated()[1]
     compared = 0
     for time_s, message in recording():
