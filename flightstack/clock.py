@@ -5,6 +5,9 @@ from __future__ import annotations
 import time
 from typing import Protocol
 
+from flightstack.config import SharedClockConfig
+from flightstack.shared_clock import SharedClock
+
 
 class Clock(Protocol):
     """Seconds that only go forward. Two machines' clocks are never compared."""
@@ -33,6 +36,13 @@ class WallClock:
         left_s = deadline_s / self.speedup - time.monotonic()
         if left_s > 0.0:
             time.sleep(left_s)
+
+
+def make_clock(speedup: float, shared: SharedClockConfig | None) -> Clock:
+    """The clock that a process of a flight runs on: the wall's, unless a simulation gives it another."""
+    if shared is None:
+        return WallClock(speedup)
+    return SharedClock(shared.file, shared.slot, speedup)
 
 
 class SimulatedClock:

@@ -106,6 +106,13 @@ class StrategyConfig(Section, frozen=True, kw_only=True):
     """Keyword arguments of the strategy, checked by it; `docs/` lists them."""
 
 
+class SharedClockConfig(Section, frozen=True, kw_only=True):
+    """The clock of a simulated flight; see `flightstack.shared_clock`."""
+
+    file: str
+    slot: Annotated[int, Meta(ge=1)]
+
+
 class DroneConfig(Section, frozen=True, kw_only=True):
     drone: DroneId
     swarm: SwarmConfig
@@ -123,4 +130,6 @@ class DroneConfig(Section, frozen=True, kw_only=True):
     """Directory for recordings and logs, made if absent."""
     speedup: Positive = 1.0
     """1 in real flights. Simulated flights may run faster; all processes must be given the same."""
+    clock: SharedClockConfig | None = None
+    """Simulated flights only: the time that all their processes share, instead of each one's own."""
     tick_hz: Positive = 10.0

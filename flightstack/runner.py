@@ -21,7 +21,7 @@ import msgspec
 from flightstack import topics
 from flightstack.agent import Agent, Inputs, Outputs, PeerMessage
 from flightstack.belief import RECEIVED_BY_DRONES
-from flightstack.clock import Clock, WallClock
+from flightstack.clock import Clock, make_clock
 from flightstack.config import DroneConfig
 from flightstack.errors import StartError
 from flightstack.link import ByteLink, open_link
@@ -139,7 +139,7 @@ def run(config: DroneConfig, *, file: str = "configuration") -> int:
     """Fly until told to stop; returns the exit code."""
     stop = Stop()
     stop.install()
-    clock = WallClock(config.speedup)
+    clock = make_clock(config.speedup, config.clock)
     incarnation = random.SystemRandom().getrandbits(31)
     directory = pathlib.Path(config.record_to)
     directory.mkdir(parents=True, exist_ok=True)

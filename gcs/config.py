@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from flightstack.config import Fraction, NotNegative, Positive, Section, SwarmConfig
+from flightstack.config import Fraction, NotNegative, Positive, Section, SharedClockConfig, SwarmConfig
 from mission.documents import DocumentError, line_of, parse
 from mission.frames import Geodetic
 from mission.geofence import Geofence
@@ -67,6 +67,8 @@ class GroundConfig(Section, frozen=True, kw_only=True):
     """Directory for the recordings (swarm-TIME.mcap, vehicle-N-TIME.tlog), made if absent."""
     speedup: Positive = 1.0
     """1 in real flights. Simulated flights may run faster; all processes must be given the same."""
+    clock: SharedClockConfig | None = None
+    """Simulated flights only: the time that all their processes share, instead of each one's own."""
     tick_hz: Positive = 10.0
 
 

@@ -9,7 +9,7 @@ import pathlib
 import signal
 from types import FrameType
 
-from flightstack.clock import WallClock
+from flightstack.clock import Clock, make_clock
 from flightstack.link import ByteLink, open_link
 from flightstack.recording import FlightRecorder, TlogWriter
 from flightstack.transport.zenoh_transport import ZenohTransport
@@ -76,7 +76,7 @@ def serve(config: GroundConfig, file: pathlib.Path) -> int:
     """Run until a signal; returns the exit code. What cannot be opened raises with one clear line."""
     stop = Stop()
     stop.install()
-    clock = WallClock(config.speedup)
+    clock = make_clock(config.speedup, config.clock)
     station = Station(config, load_fence(config, file), clock.now_s())
     directory = _directory(config, file)
     with contextlib.ExitStack() as opened:
@@ -121,7 +121,7 @@ def _directory(config: GroundConfig, file: pathlib.Path) -> pathlib.Path:
 def _loop(
     config: GroundConfig,
     station: Station,
-    clock: WallClock,
+    clock: Clock,
     transport: ZenohTransport,
     links: list[ByteLink],
     recordings: Recordings,

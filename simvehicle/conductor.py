@@ -31,6 +31,8 @@ ORPHAN_LIMIT_S = 180.0
 """How much longer than the others a vehicle without an agent is waited for."""
 DOWN_S = 1.0
 """A vehicle that has been on the ground for this long has landed."""
+STANDSTILL_WALL_S = 30.0
+"""The vehicles hang when the simulated time has not moved for so long."""
 SETTLE_S = 5.0
 """How long after the start the drones' reported phases may still be those from before it."""
 
@@ -99,12 +101,15 @@ class Conductor:
         self._home_by_s = 0.0
         self._alive_down_s: float | None = None
         self._flying_since_s = 0.0
+        self._moved = (0.0, 0.0)
+        """The newest simulated time, and when it was first seen on the wall clock."""
 
     def step(self, now_s: float, wall_s: float, ended: Sequence[Ended], *, interrupted: bool) -> list[Action]:
         """`now_s`: simulated time; `wall_s`: the machine's; `ended`: processes that died since the last step."""
         if self._began_wall_s is None:
             self._began_wall_s = self._command_since_wall_s = wall_s
         self._deaths(now_s, ended)
+        self._standstill(now_s, wall_s)
         if interrupted and self._over is None:
             self._end(now_s, Outcome.ABORTED, "interrupted", LAND_NOW_LIMIT_S)
             self._order(CommandName.LAND, wall_s)
@@ -214,6 +219,12 @@ class Conductor:
                 self._fail_on_the_ground(str(one), bad_input=on_the_ground and one.code == BAD_INPUT)
             elif one.name == GROUND and self.stand is not Stand.COMING_HOME:
                 self._watch.note(now_s, Severity.WARNING, "process", "going on without the ground station")
+
+    def _standstill(self, now_s: float, wall_s: float) -> None:
+        if now_s != self._moved[0]:
+            self._moved = (now_s, wall_s)
+        elif now_s > 0.0 and wall_s - self._moved[1] > STANDSTILL_WALL_S:
+            self._fail_on_the_ground("the simulated time stands still: the vehicles' process hangs")
 
     def _killing(self, now_s: float) -> list[KillAgent]:
         elapsed_s = self._watch.since_takeoff_s(now_s)

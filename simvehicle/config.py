@@ -86,6 +86,9 @@ class FleetConfig(Section, frozen=True, kw_only=True):
     ready_after_s: Annotated[float, Meta(ge=0.0)] = 41.0
     """How long the autopilots need from power-up until they let themselves be armed."""
     faults: tuple[FaultSpec, ...] = ()
+    clock: str | None = None
+    """A file made by the launcher (`flightstack.shared_clock`): the time of this fleet, for agents and ground
+    station to follow and to hold back. None: the wall clock times `speedup`."""
     truth: str | None = None
     """A CSV file that gets every vehicle's true state ten times a (simulated) second: columns time_s, drone,
     north_m, east_m, down_m, airborne (0/1), armed (0/1), mode, co2_ppm, battery_fraction. Flushed once a second."""

@@ -17,9 +17,12 @@ from typing import IO
 import numpy as np
 
 from flightstack.link import ByteLink, LinkError, open_link
+from flightstack.shared_clock import Cells
+from mission.documents import DocumentError
 from sensors.errors import SensorError
 from simvehicle.config import EmulatedInstrument, FaultSpec, FleetConfig, VehicleSpec
 from simvehicle.instruments import Air, Emulator, make_emulator
+from simvehicle.pace import Pace
 from simvehicle.truth import COLUMNS
 from simvehicle.vehicle import SimulatedVehicle
 from simvehicle.world import World
@@ -260,18 +263,26 @@ def _open_truth(path: str) -> IO[str]:
     return file
 
 
+def _shared_clock(config: FleetConfig) -> Cells | None:
+    try:
+        return Cells(config.clock) if config.clock is not None else None
+    except DocumentError as error:
+        raise FleetError("clock", str(error)) from error
+
+
 def run(fleet: Fleet, stop: threading.Event) -> None:
     """Step the fleet at its configuration's speed-up until `stop` is set, then close it.
 
-    Late steps are made up for at once: the other processes of a simulated flight do not wait.
+    Late steps are made up for at once, unless there is a shared clock: then the other processes wait.
     """
     speedup = fleet.config.speedup
     period_s = max(_PERIOD_S / speedup, _SHORTEST_PERIOD_S)
-    start_s = due_s = time.monotonic()
+    due_s = time.monotonic()
     try:
+        pace = Pace(speedup, _shared_clock(fleet.config))
         while not stop.is_set():
-            now_s = time.monotonic()
-            fleet.step((now_s - start_s) * speedup)
+            fleet.step(pace.advance())
+            pace.publish()
             due_s += period_s
             left_s = due_s - time.monotonic()
             if left_s > 0.0:

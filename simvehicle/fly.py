@@ -10,7 +10,7 @@ import time
 
 import msgspec
 
-from flightstack.clock import WallClock
+from flightstack.shared_clock import Cells
 from flightstack.topics import COMMAND
 from flightstack.transport import Transport
 from flightstack.wire import Severity
@@ -143,7 +143,6 @@ def _conduct(
     survey: Survey, plan: launch.Plan, processes: Processes, interrupts: Interrupts, kills: tuple[Kill, ...]
 ) -> tuple[SurveyWatch, Conductor, Finish, list[str]]:
     """The loop: hear, see, decide, do; until the conductor says that it is over."""
-    clock = WallClock(survey.config.speedup)
     watch = SurveyWatch([drone.id for drone in survey.drones])
     conductor = Conductor(
         watch,
@@ -158,17 +157,21 @@ def _conduct(
     with contextlib.ExitStack() as open_ends:
         transport = _join(plan)
         open_ends.callback(transport.close)
+        clock = Cells(plan.clock)
+        open_ends.callback(clock.close)
         truth = TruthTail(plan.truth)
         open_ends.callback(truth.close)
         display = open_ends.enter_context(progress.make_progress(watch, conductor, survey.config.speedup))
         began_s = time.monotonic()
         while over is None or time.monotonic() < linger_until_s:
-            now_s = clock.now_s()
+            now_s = clock.values[0]
             for received in transport.receive():
                 watch.hear(now_s, received.topic, received.payload)
             watch.see(now_s, truth.read())
             ended = processes.ended()
             lost += [str(one) for one in ended]
+            for one in ended:
+                _leave(clock, plan, one.name)
             wall_s = time.monotonic()
             for action in (
                 conductor.step(now_s, wall_s, ended, interrupted=interrupts.asked) if over is None else ()
@@ -178,6 +181,7 @@ def _conduct(
                         transport.publish(COMMAND, COMMAND.codec.encode(command))
                     case KillAgent(drone):
                         processes.kill(launch.agent_name(drone))
+                        _leave(clock, plan, launch.agent_name(drone))
                     case Finish():
                         over = action
                         linger_until_s = wall_s + (
@@ -198,6 +202,13 @@ def _too_slow(log: Log, speedup: float) -> list[str]:
     return [
         f"{missed:.1%} of the agents' deadlines were missed: choose a --speedup below {speedup:g} on this machine"
     ]
+
+
+def _leave(clock: Cells, plan: launch.Plan, process: str) -> None:
+    """The dead are not waited for."""
+    slot = plan.slot(process)
+    if slot is not None:
+        clock.leave(slot)
 
 
 def _join(plan: launch.Plan) -> Transport:

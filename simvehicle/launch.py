@@ -12,7 +12,14 @@ from collections.abc import Callable
 import msgspec
 import yaml
 
-from flightstack.config import AutopilotConfig, DroneConfig, InstrumentConfig, SwarmConfig
+from flightstack.config import (
+    AutopilotConfig,
+    DroneConfig,
+    InstrumentConfig,
+    SharedClockConfig,
+    SwarmConfig,
+)
+from flightstack.shared_clock import Cells
 from mission.documents import DocumentError
 from simvehicle.config import EmulatedInstrument, FleetConfig, VehicleSpec
 from simvehicle.processes import Processes
@@ -38,6 +45,15 @@ class Plan(msgspec.Struct, frozen=True):
     @property
     def truth(self) -> pathlib.Path:
         return self.directory / "truth.csv"
+
+    @property
+    def clock(self) -> pathlib.Path:
+        return self.directory / "clock"
+
+    def slot(self, process: str) -> int | None:
+        """The place of a process among the followers of the clock; None for one that does not follow."""
+        followers = (GROUND, *(agent_name(drone.drone) for drone in self.drones))
+        return followers.index(process) + 1 if process in followers else None
 
 
 def agent_name(drone: int) -> str:
@@ -108,6 +124,7 @@ def plan(survey: Survey, directory: pathlib.Path) -> Plan:
                 seed=config.seed,
                 record_to=str(directory / agent_name(drone.id)),
                 speedup=config.speedup,
+                clock=SharedClockConfig(file=str(directory / "clock"), slot=2 + index),
             )
         )
         endpoints.append(endpoint)
@@ -121,6 +138,7 @@ def plan(survey: Survey, directory: pathlib.Path) -> Plan:
         seed=config.seed,
         ready_after_s=config.ready_after_s,
         faults=config.faults,
+        clock=str(directory / "clock"),
         truth=str(directory / "truth.csv"),
     )
     _write(directory / "fleet.yaml", fleet)
@@ -134,9 +152,11 @@ def plan(survey: Survey, directory: pathlib.Path) -> Plan:
         "geofence": survey.geofence,
         "alarms": {"ceiling_above_home_m": config.limits.ceiling_above_home_m},
         "record_to": str(directory),
+        "clock": SharedClockConfig(file=str(directory / "clock"), slot=1),
         "speedup": config.speedup,
     }
     _write(directory / "ground.yaml", {key: value for key, value in ground.items() if value is not None})
+    Cells.make(directory / "clock", 1 + count).close()
     return Plan(directory, swarm, tuple(endpoints), fleet, tuple(drones))
 
 

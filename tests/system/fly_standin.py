@@ -15,15 +15,17 @@ import time
 import msgspec
 
 from flightstack import topics
-from flightstack.clock import WallClock
+from flightstack.clock import make_clock
 from flightstack.config import DroneConfig
 from flightstack.config_file import load
+from flightstack.shared_clock import Cells
 from flightstack.transport.zenoh_transport import ZenohTransport
 from flightstack.wire import CommandName, DroneState, Outcome, Phase, Result, TreeState
 from mission.documents import parse
 from mission.frames import Vector3
 from mission.observation import Order, Scalar, Stage
 from simvehicle.config import FleetConfig
+from simvehicle.pace import Pace
 from simvehicle.truth import COLUMNS
 
 TAKE_OFF_S, SEARCH_S, TRACK_S, FOUND_S, HOME_S = 5.0, 10.0, 20.0, 40.0, 50.0
@@ -41,7 +43,7 @@ class Told(msgspec.Struct, array_like=True):
 
 
 def agent(config: DroneConfig) -> None:
-    clock = WallClock(config.speedup)
+    clock = make_clock(config.speedup, config.clock)
     swarm = config.swarm
     receives = (topics.COMMAND,)
     transport = ZenohTransport(
@@ -107,15 +109,19 @@ def _home(config: DroneConfig) -> Vector3:
 
 
 def vehicles(fleet: FleetConfig) -> None:
-    clock = WallClock(fleet.speedup)
     assert fleet.truth is not None
+    assert fleet.clock is not None
+    pace = Pace(fleet.speedup, Cells(fleet.clock))
     directory = pathlib.Path(fleet.truth).parent
     with pathlib.Path(fleet.truth).open("w", encoding="utf-8") as truth:
         truth.write(",".join(COLUMNS) + "\n")
-        tick = round(clock.now_s() * 10.0)
+        tick = 0
         while True:
             tick += 1
-            clock.sleep_until(tick / 10.0)
+            while pace.advance() < tick / 10.0:
+                pace.publish()
+                time.sleep(0.002)
+            pace.publish()
             for vehicle in fleet.vehicles:
                 try:
                     data = (directory / f"drone-{vehicle.id}.told").read_bytes()
