@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import math
 import os
 import pathlib
 import time
@@ -73,9 +74,9 @@ def fly(
     began_s = time.monotonic()
     with interrupts.watched(), Processes(directory) as processes:
         launch.start(plan, processes, commands)
-        watch, conductor, finish, lost = _conduct(survey, plan, processes, interrupts, kills)
+        end = _conduct(survey, plan, processes, interrupts, kills)
         stubborn = processes.stop()
-    log = watch.log()
+    log = end.watch.log()
     flown = summary.summarise(
         survey.config.name,
         plan.fleet,
@@ -85,24 +86,25 @@ def fly(
         read_tracks(plan.truth),
         log,
         summary.Ending(
-            outcome=str(finish.outcome),
-            reason=finish.reason,
-            alive=frozenset(conductor.alive),
-            kills=conductor.kills,
-            lost_processes=tuple(lost),
+            outcome=str(end.finish.outcome),
+            reason=end.finish.reason,
+            alive=frozenset(end.conductor.alive),
+            kills=end.conductor.kills,
+            lost_processes=end.lost,
+            speedup_reached=end.speedup_reached,
             wall_s=time.monotonic() - began_s,
             log_dir=_shown(directory),
             warnings=(
                 *survey.warnings,
                 *(f"{name} had to be killed at the end" for name in stubborn),
-                *_too_slow(log, survey.config.speedup),
-                *(f"{count} unreadable messages: {problem}" for problem, count in watch.unreadable.items()),
+                *_too_slow(log),
+                *(f"{n} unreadable messages: {problem}" for problem, n in end.watch.unreadable.items()),
             ),
         ),
     )
     summary.write(flown, directory)
     (directory / "log.json").write_bytes(msgspec.json.encode(log))
-    return Flown(flown, log, directory, finish.bad_input)
+    return Flown(flown, log, directory, end.finish.bad_input)
 
 
 def write_report(survey: Survey, flown: Flown) -> pathlib.Path:
@@ -133,16 +135,27 @@ def words(flown: summary.Summary) -> str:
     )
     lines += [f"drone {orphan.drone}: {orphan.story}" for orphan in flown.orphans]
     lines += [*flown.lost_processes, *flown.warnings]
+    reached = "" if flown.speedup_reached is None else f" ({flown.speedup_reached:.1f} times real time)"
     lines.append(
-        f"{flown.simulated_s:.0f} s simulated in {flown.wall_s:.0f} s; everything is in {flown.log_dir}"
+        f"{flown.simulated_s:.0f} s simulated in {flown.wall_s:.0f} s{reached}; everything is in {flown.log_dir}"
     )
     return "\n".join(lines)
 
 
+class _End(msgspec.Struct, frozen=True):
+    """How the conducting ended."""
+
+    watch: SurveyWatch
+    conductor: Conductor
+    finish: Finish
+    lost: tuple[str, ...]
+    speedup_reached: float | None
+
+
 def _conduct(
     survey: Survey, plan: launch.Plan, processes: Processes, interrupts: Interrupts, kills: tuple[Kill, ...]
-) -> tuple[SurveyWatch, Conductor, Finish, list[str]]:
-    """The loop: hear, see, decide, do; until the conductor says that it is over."""
+) -> _End:
+    """The loop: hear, see, decide, do; until the conductor says that it is over, and a moment longer."""
     watch = SurveyWatch([drone.id for drone in survey.drones])
     conductor = Conductor(
         watch,
@@ -152,8 +165,7 @@ def _conduct(
         kills=kills,
     )
     lost: list[str] = []
-    over: Finish | None = None
-    linger_until_s = 0.0
+    finish: Finish | None = None
     with contextlib.ExitStack() as open_ends:
         transport = _join(plan)
         open_ends.callback(transport.close)
@@ -163,45 +175,47 @@ def _conduct(
         open_ends.callback(truth.close)
         display = open_ends.enter_context(progress.make_progress(watch, conductor, survey.config.speedup))
         began_s = time.monotonic()
-        while over is None or time.monotonic() < linger_until_s:
+        moving: tuple[float, float] | None = (
+            None  # when the simulated time was first seen to move: (it, wall)
+        )
+        until_wall_s = math.inf
+        while (wall_s := time.monotonic()) < until_wall_s:
             now_s = clock.values[0]
+            if moving is None and now_s > 0.0:
+                moving = (now_s, wall_s)
             for received in transport.receive():
                 watch.hear(now_s, received.topic, received.payload)
             watch.see(now_s, truth.read())
             ended = processes.ended()
-            lost += [str(one) for one in ended]
             for one in ended:
+                lost.append(str(one))
                 _leave(clock, plan, one.name)
-            wall_s = time.monotonic()
-            for action in (
-                conductor.step(now_s, wall_s, ended, interrupted=interrupts.asked) if over is None else ()
-            ):
-                match action:
-                    case Give(command):
-                        transport.publish(COMMAND, COMMAND.codec.encode(command))
-                    case KillAgent(drone):
-                        processes.kill(launch.agent_name(drone))
-                        _leave(clock, plan, launch.agent_name(drone))
-                    case Finish():
-                        over = action
-                        linger_until_s = wall_s + (
-                            LINGER_WALL_S if watch.first_takeoff_s is not None else 0.0
-                        )
-                        watch.note(now_s, Severity.INFO, "end", f"{action.outcome}: {action.reason}")
+            if finish is None:
+                for action in conductor.step(now_s, wall_s, ended, interrupted=interrupts.asked):
+                    match action:
+                        case Give(command):
+                            transport.publish(COMMAND, COMMAND.codec.encode(command))
+                        case KillAgent(drone):
+                            processes.kill(launch.agent_name(drone))
+                            _leave(clock, plan, launch.agent_name(drone))
+                        case Finish():
+                            finish = action
+                            until_wall_s = wall_s + (
+                                LINGER_WALL_S if watch.first_takeoff_s is not None else 0.0
+                            )
+                            watch.note(now_s, Severity.INFO, "end", f"{action.outcome}: {action.reason}")
             note = "landing everybody; Ctrl-C again ends at once" if interrupts.asked else ""
             display.show(now_s, wall_s=wall_s - began_s, note=note)
             time.sleep(PERIOD_WALL_S)
-    return watch, conductor, over, lost
+        assert finish is not None  # noqa: S101 (the loop ends no other way)
+        reached = None if moving is None else (clock.values[0] - moving[0]) / (time.monotonic() - moving[1])
+    return _End(watch, conductor, finish, tuple(lost), reached)
 
 
-def _too_slow(log: Log, speedup: float) -> list[str]:
-    """Whether this machine could not keep up: then the flight was not the one that was asked for."""
+def _too_slow(log: Log) -> list[str]:
+    """Missed deadlines although everybody is waited for: some process hung, or did not follow the clock."""
     missed = log.late_ticks / max(log.ticks, 1)
-    if missed <= MISSED_LIMIT:
-        return []
-    return [
-        f"{missed:.1%} of the agents' deadlines were missed: choose a --speedup below {speedup:g} on this machine"
-    ]
+    return [] if missed <= MISSED_LIMIT else [f"{missed:.1%} of the agents' deadlines were missed"]
 
 
 def _leave(clock: Cells, plan: launch.Plan, process: str) -> None:

@@ -93,6 +93,9 @@ class Summary(msgspec.Struct, frozen=True):
     wall_s: float
     """The whole survey on the machine's clock, start-up included."""
     speedup: float
+    """As asked for: an upper limit."""
+    speedup_reached: float | None
+    """What the machine managed, start-up not included."""
     seed: int
     log_dir: str
     warnings: tuple[str, ...] = ()
@@ -107,6 +110,7 @@ class Ending(msgspec.Struct, frozen=True):
     kills: dict[int, float]
     lost_processes: tuple[str, ...]
     wall_s: float
+    speedup_reached: float | None
     log_dir: str
     warnings: tuple[str, ...] = ()
 
@@ -157,6 +161,7 @@ def summarise(
         simulated_s=round(max(ends_s, default=0.0), 1),
         wall_s=round(ending.wall_s, 1),
         speedup=fleet.speedup,
+        speedup_reached=_rounded(ending.speedup_reached, 2),
         seed=fleet.seed,
         log_dir=ending.log_dir,
         warnings=ending.warnings,

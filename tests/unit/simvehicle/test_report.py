@@ -117,6 +117,7 @@ def summarised(survey: Survey, tracks: dict[int, Track], log: Log, **ending: obj
         "kills": {3: KILL_S},
         "lost_processes": (),
         "wall_s": 95.0,
+        "speedup_reached": 3.9,
         "log_dir": "out/crater-rim-20260504-030201",
     }
     fleet = FleetConfig(

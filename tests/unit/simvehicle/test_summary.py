@@ -53,6 +53,7 @@ def summarise(tracks: dict[int, Track], log: Log | None = None, **ending: object
         "kills": {},
         "lost_processes": (),
         "wall_s": 12.0,
+        "speedup_reached": 4.0,
         "log_dir": "out/x",
     }
     fleet = FleetConfig(
