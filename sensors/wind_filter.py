@@ -24,16 +24,11 @@ import msgspec
 import numpy as np
 
 from mission.frames import Vector3
-from sensors.airframe import (
-    Array,
-    DragModel,
-    VehicleMotion,
-    body_to_ned,
-    point_velocity_ned_mps,
-    thrust_ned_mps2,
-)
+from sensors.airframe import Array, VehicleMotion, body_to_ned, point_velocity_ned_mps
 from sensors.health import Health
 from sensors.samples import InstrumentState, Quantity, Sample
+from sensors.tilt_wind import TiltWindow
+from sensors.wind_config import WindFilterConfig
 
 __all__ = ["VehicleMotion", "WindEstimate", "WindFilter", "WindFilterConfig"]
 
@@ -42,56 +37,8 @@ _IDENTITY: Final = np.eye(3)
 _H_NED: Final = np.hstack((_IDENTITY, _IDENTITY))
 _H_HORIZONTAL: Final = _H_NED[:2]
 _REFUSALS_MOST: Final = 3
-
-
-class WindFilterConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    gust_sd_mps: float = 0.5
-    """Standard deviation of the gusts per horizontal axis."""
-    gust_time_s: float = 5.0
-    """Correlation time of the gusts."""
-    vertical_share: float = 0.5
-    """Vertical gusts over horizontal ones (near the ground; R. B. Stull, "Boundary Layer Meteorology",
-    1988)."""
-    mean_sd_mps: float = 6.0
-    """Standard deviation of the mean wind before anything is known."""
-    mean_walk_mps_per_sqrt_min: float = 0.7
-    """Random walk of the mean wind: standard deviation after a minute."""
-    anemometer_sd_mps: float = 0.3
-    """Where a sample does not state its own."""
-    anemometer_bias_mps: float = 0.1
-    """What an anemometer's error keeps over minutes: calibration, rotor wash."""
-    anemometer_arms_body_m: dict[str, Vector3] = {}
-    """Where each anemometer (by its name) sits, from the centre of rotation: forward, right, down."""
-    attitude_sd_rad: float = 0.01
-    velocity_sd_mps: float = 0.05
-    """Noise of the autopilot's velocity, from one message to the next."""
-    drag: DragModel | None = DragModel()
-    """None: the tilt is not used."""
-    drag_window_s: float = 1.0
-    drag_scale_sd: float = 0.05
-    """How well the drag coefficient is known, as a fraction."""
-    level_sd_rad: float = 0.004
-    """How level the autopilot's horizon and the rotors' plane are to each other; this error stays for a
-    flight."""
-    autopilot_sd_mps: float = 1.0
-    """Where the autopilot does not state its own."""
-    autopilot_memory_s: float = 5.0
-    """How long the errors of the autopilot's estimate last."""
-    gate_sd: float = 5.0
-    fresh_s: float = 3.0
-    lost_s: float = 15.0
-
-    def __post_init__(self) -> None:
-        for name in (
-            "gust_sd_mps",
-            "gust_time_s",
-            "anemometer_sd_mps",
-            "velocity_sd_mps",
-            "drag_window_s",
-            "lost_s",
-        ):
-            if not 0.0 < getattr(self, name) < float("inf"):
-                raise ValueError(f"{name} {getattr(self, name)} is not a positive number")
+_TILT_MEMORY: Final = 60.0
+"""Windows over which the tilt's lasting errors stay the same, at the least."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -126,7 +73,7 @@ class WindFilter:
         self._heard_s: dict[str, float] = {}
         self._refused: collections.Counter[str] = collections.Counter()
         self._trouble: dict[str, str] = {}
-        self._tilt = _TiltWindow(self.config)
+        self._tilt = TiltWindow(self.config)
         self._last_motion: tuple[float, VehicleMotion] | None = None
         self._told: tuple[Health, str] = (Health.BAD, "nothing has told of the wind yet")
         self._reset()
@@ -164,7 +111,9 @@ class WindFilter:
             if self.config.drag is not None:
                 tilt = self._tilt.add(now_s, motion)
                 if tilt is not None:
-                    self._update(now_s, "tilt", np.array(tilt[0]), tilt[1], _H_HORIZONTAL)
+                    self._update(
+                        now_s, "tilt", np.array(tilt[0]), tilt[1] + self._tilt_bias(now_s), _H_HORIZONTAL
+                    )
             self._last_motion = (now_s, motion)
         return self._estimate(now_s)
 
@@ -191,14 +140,19 @@ class WindFilter:
         """All of a tick's readings as one: they are a fraction of a gust apart, and share the vehicle's
         motion."""
         config = self.config
+        rates = motion.angular_rate_radps or self._rates(now_s, motion)
+        moved_mps = config.motion_lag_s * self._acceleration(now_s, motion)
+        motion = self._motion_at(sum(s.time_s for s in readings) / len(readings), now_s, motion)
         rotation = body_to_ned(motion.attitude_rad)
         arm = config.anemometer_arms_body_m.get(name, (0.0, 0.0, 0.0))
-        rates = motion.angular_rate_radps or self._rates(now_s, motion)
         own = point_velocity_ned_mps(motion, rotation, arm, rates)
         felt = np.mean([s.wind_body_mps for s in readings if s.wind_body_mps is not None], axis=0)
         sd_mps = readings[-1].wind_sd_mps or config.anemometer_sd_mps
-        turned_mps = config.attitude_sd_rad * math.sqrt(float(felt @ felt))
-        variance = sd_mps**2 / len(readings) + turned_mps * turned_mps + config.velocity_sd_mps**2
+        # Attitude errs by its noise, and by what the vehicle turns while the reading waits.
+        turned_rad = math.hypot(config.attitude_sd_rad, config.motion_lag_s * rates[2])
+        turned_mps = turned_rad * math.sqrt(float(felt @ felt))
+        own_var = config.velocity_sd_mps**2 + moved_mps * moved_mps
+        variance = sd_mps**2 / len(readings) + turned_mps * turned_mps + own_var
         if all(s.wind_down_measured for s in readings):
             self._update(now_s, name, rotation @ felt + own, variance, _H_NED)
         else:
@@ -213,6 +167,43 @@ class WindFilter:
         # Statements a second apart share their error for `autopilot_memory_s`: together they are worth one.
         variance = sd_mps**2 * max(self.config.autopilot_memory_s, 1.0)
         self._update(now_s, sample.instrument, np.array(wind_ned_mps[:2]), variance, _H_HORIZONTAL)
+
+    def _motion_at(self, time_s: float, now_s: float, motion: VehicleMotion) -> VehicleMotion:
+        """Velocity and attitude when the readings were taken, between the vehicle's last two messages."""
+        if self._last_motion is None:
+            return motion
+        then_s, before = self._last_motion
+        if not (then_s < time_s < now_s and now_s - then_s < 0.5):
+            return motion
+        share = (time_s - then_s) / (now_s - then_s)
+        north, east, down = (
+            a + share * (b - a) for a, b in zip(before.velocity_ned_mps, motion.velocity_ned_mps, strict=True)
+        )
+        roll, pitch, yaw = (
+            a + share * math.remainder(b - a, math.tau)
+            for a, b in zip(before.attitude_rad, motion.attitude_rad, strict=True)
+        )
+        return msgspec.structs.replace(
+            motion, velocity_ned_mps=(north, east, down), attitude_rad=(roll, pitch, yaw)
+        )
+
+    def _acceleration(self, now_s: float, motion: VehicleMotion) -> float:
+        """Size of the vehicle's horizontal acceleration, m/s^2, as far as two messages show it."""
+        if self._last_motion is None or now_s - self._last_motion[0] <= 1e-3:
+            return 0.0
+        then_s, before = self._last_motion
+        north, east, _ = motion.velocity_ned_mps
+        then_north, then_east, _ = before.velocity_ned_mps
+        return math.hypot(north - then_north, east - then_east) / (now_s - then_s)
+
+    def _tilt_bias(self, now_s: float) -> float:
+        """Extra variance of the tilt's wind while another source is heard.
+
+        Its errors of level and drag last. Alone it cannot do better, and the output says so; beside a better
+        source they must not count as new information every second.
+        """
+        others = any(now_s - t <= self.config.fresh_s for n, t in self._heard_s.items() if n != "tilt")
+        return self._tilt.lasting_variance() * _TILT_MEMORY if others else 0.0
 
     def _rates(self, now_s: float, motion: VehicleMotion) -> Vector3:
         """Body rates from the change of attitude; small angles suffice for the tip of a short mast."""
@@ -313,77 +304,6 @@ class WindFilter:
         if not sources:
             return Health.DEGRADED, f"nothing has told of the wind for {age_s:.1f} s"
         return Health.GOOD, ""
-
-
-class _TiltWindow:
-    """The airspeed from tilt and drag, averaged over a window at whose ends the velocity is compared."""
-
-    def __init__(self, config: WindFilterConfig) -> None:
-        self._config = config
-        self._start: tuple[float, Vector3] | None = None
-        self._sum = np.zeros(4)
-        self._count = 0
-        self._airspeed_mps = 0.0
-
-    def clear(self) -> None:
-        self._start = None
-
-    def add(self, now_s: float, motion: VehicleMotion) -> tuple[tuple[float, float], float] | None:
-        """The wind (north, east, m/s) over the window that ends now and its variance; None while it is
-        open."""
-        drag = self._config.drag
-        if not motion.airborne or drag is None:
-            self._start = None
-            return None
-        velocity = motion.velocity_ned_mps
-        if self._start is None:
-            self._start, self._count = (now_s, velocity), 0
-            self._sum[:] = 0.0
-            return None
-        down_mps2 = motion.acceleration_ned_mps2[2] if motion.acceleration_ned_mps2 else 0.0
-        north, east = thrust_ned_mps2(motion.attitude_rad, down_mps2)
-        self._sum += (north, east, velocity[0], velocity[1])
-        self._count += 1
-        since_s, before = self._start
-        window_s = now_s - since_s
-        if window_s < self._config.drag_window_s - 0.01:
-            return None
-        self._start, count = (now_s, velocity), self._count
-        thrust_n, thrust_e, speed_n, speed_e = (self._sum / count).tolist()
-        self._count = 0
-        self._sum[:] = 0.0
-        if window_s > 3.0 * self._config.drag_window_s or count < 3:
-            return None  # the autopilot was silent in between
-        # a = f - drag(u), u = v - wind  =>  wind = v - u, with u against the drag
-        drag_n = (velocity[0] - before[0]) / window_s - thrust_n
-        drag_e = (velocity[1] - before[1]) / window_s - thrust_e
-        size = math.hypot(drag_n, drag_e)
-        self._airspeed_mps = drag.airspeed_mps(size)
-        ratio = self._airspeed_mps / size if size > 1e-9 else 0.0
-        return (speed_n + ratio * drag_n, speed_e + ratio * drag_e), self._variance(window_s, count)
-
-    def _variance(self, window_s: float, count: int) -> float:
-        config = self._config
-        assert config.drag is not None  # noqa: S101
-        slope = config.drag.slope_per_s(self._airspeed_mps)
-        ends = 2.0 * (config.velocity_sd_mps / window_s) ** 2
-        tilts = (GRAVITY_SLOPE * config.attitude_sd_rad) ** 2 / count
-        # The gust moves on within the window: what is measured is its mean, half a window old.
-        gust = config.gust_sd_mps**2 * 2.0 / 3.0 * window_s / config.gust_time_s
-        return (ends + tilts) / slope**2 + gust
-
-    def lasting_variance(self) -> float:
-        """Per axis: the horizon's error and the drag coefficient's."""
-        config = self._config
-        assert config.drag is not None  # noqa: S101
-        slope = config.drag.slope_per_s(self._airspeed_mps)
-        level = GRAVITY_SLOPE * config.level_sd_rad / slope
-        scale = config.drag_scale_sd * self._airspeed_mps
-        return level * level + 0.5 * scale * scale
-
-
-GRAVITY_SLOPE: Final = 9.80665
-"""Horizontal acceleration per radian of tilt in hover, m/s^2."""
 
 
 def _tells_wind(sample: Sample) -> bool:

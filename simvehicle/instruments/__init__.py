@@ -12,6 +12,7 @@ from sensors.errors import SensorError
 from sensors.instruments import instrument_type
 from simvehicle.instruments.anemometers import (
     AnemometerEmulation,
+    Ft205Emulation,
     Ft205Emulator,
     TrisonicaEmulator,
     WindSonicEmulation,
@@ -32,7 +33,7 @@ EMULATORS: dict[str, tuple[Callable[[np.random.Generator, Any], Emulator], type[
     "sprintir": (GssEmulator, SprintirEmulation),
     "li850": (Li850Emulator, Li850Emulation),
     "trisonica": (TrisonicaEmulator, AnemometerEmulation),
-    "ft205": (Ft205Emulator, AnemometerEmulation),
+    "ft205": (Ft205Emulator, Ft205Emulation),
     "windsonic": (WindSonicEmulator, WindSonicEmulation),
 }
 """For every instrument type that has a line of its own: its emulator and the emulator's options."""

@@ -26,6 +26,10 @@ class AnemometerEmulation(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
     rate_hz: float = 5.0
 
 
+class Ft205Emulation(AnemometerEmulation, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    sd_mps: float = 0.25
+
+
 class WindSonicEmulation(AnemometerEmulation, frozen=True, forbid_unknown_fields=True, kw_only=True):
     format: Literal["polar", "uv", "nmea"] = "polar"
     rate_hz: float = 4.0
@@ -78,8 +82,8 @@ class TrisonicaEmulator:
 
 
 class Ft205Emulator:
-    def __init__(self, rng: np.random.Generator, options: AnemometerEmulation | None = None) -> None:
-        self.options = options or AnemometerEmulation()
+    def __init__(self, rng: np.random.Generator, options: Ft205Emulation | None = None) -> None:
+        self.options = options or Ft205Emulation()
         self._head = _Head(self.options, rng)
         self._received = b""
 
