@@ -255,7 +255,15 @@ def over_time(
     co2.yaxis.set_major_formatter(lambda ppm, _: f"{ppm:g}")
     co2.set_ylabel("excess CO2 in\nthe air, ppm")
     co2.legend(
-        title="drone", ncols=min(drones, 8), loc="upper left", fontsize=8, title_fontsize=8, frameon=False
+        title="drone",
+        ncols=min(drones, 10),
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        fontsize=8,
+        title_fontsize=8,
+        frameon=False,
+        handlelength=1.2,
+        columnspacing=1.2,
     )
     altitude.set_ylabel("above home, m")
     altitude.set_ylim(bottom=0.0)

@@ -26,6 +26,8 @@ from simvehicle.processes import Processes
 from simvehicle.survey import Survey, SurveyDrone
 
 HOST = "127.0.0.1"
+AGENT_START_WALL_S = 60.0
+"""How long agents may take to start before the ground station wonders about them."""
 VEHICLES = "vehicles"
 GROUND = "ground"
 GROUND_STATION = "ground"
@@ -150,7 +152,11 @@ def plan(survey: Survey, directory: pathlib.Path) -> Plan:
         "origin": config.origin,
         "mavlink": {"links": [f"udpin:{HOST}:{ground_udp}"]},
         "geofence": survey.geofence,
-        "alarms": {"ceiling_above_home_m": config.limits.ceiling_above_home_m},
+        "alarms": {
+            "ceiling_above_home_m": config.limits.ceiling_above_home_m,
+            # Starting the agents takes the machine's time, which is short in simulated time.
+            "absent_s": AGENT_START_WALL_S * config.speedup,
+        },
         "record_to": str(directory),
         "clock": SharedClockConfig(file=str(directory / "clock"), slot=1),
         "speedup": config.speedup,
