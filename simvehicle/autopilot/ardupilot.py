@@ -349,7 +349,7 @@ class ArduPilot(Autopilot):
 
     def stored_item(self, kind: int, item: Item) -> Item:
         """Packed: a waypoint's delay is whole seconds, altitudes are centimetres."""
-        z = round(item.z, 2)
+        z = round(item.z, 2) if math.isfinite(item.z) else 0.0
         if kind == FENCE:
             return dataclasses.replace(item, frame=mavlink.MAV_FRAME_GLOBAL, autocontinue=0)
         if kind == RALLY:

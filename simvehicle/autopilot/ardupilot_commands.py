@@ -31,9 +31,9 @@ def arm_disarm(a: ArduPilot, command: Command) -> int:
 
 
 def set_mode(a: ArduPilot, command: Command) -> int:
-    if not int(command.params[0]) & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+    if not command.whole(0) & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
         return DENIED
-    return ACCEPTED if a.set_mode(int(command.params[1])) else FAILED
+    return ACCEPTED if a.set_mode(command.whole(1)) else FAILED
 
 
 def mode_command(a: ArduPilot, mode: Mode) -> int:
@@ -67,7 +67,7 @@ def mission_start(a: ArduPilot, _command: Command) -> int:
 
 
 def reposition(a: ArduPilot, command: Command) -> int:
-    if a.mode is not Mode.GUIDED and not int(command.params[1]) & 1:
+    if a.mode is not Mode.GUIDED and not command.whole(1) & 1:
         return DENIED
     target = a.commands.target(command)
     if target is None or not a.allows(target[0], target[1]):
@@ -82,7 +82,7 @@ def reposition(a: ArduPilot, command: Command) -> int:
 
 
 def change_speed(a: ArduPilot, command: Command) -> int:
-    kind, speed_mps = int(command.params[0]), command.params[1]
+    kind, speed_mps = command.whole(0), command.params[1]
     if a.mode not in (Mode.AUTO, Mode.GUIDED) or kind not in (0, 1) or not speed_mps > 0.0:
         return FAILED
     a.set_speed(speed_mps)

@@ -52,6 +52,11 @@ class Command:
     frame: int | None
     """MAV_FRAME of a COMMAND_INT; None for a COMMAND_LONG."""
 
+    def whole(self, place: int) -> int:
+        """One of `params` as an integer; -1 where it is none (NaN stands for "not given")."""
+        value = self.params[place]
+        return int(value) if abs(value) < 2**31 else -1
+
 
 class CommandServer:
     """Runs commands and acknowledges them."""
@@ -95,7 +100,7 @@ class CommandServer:
         self._autopilot.flush_texts()
 
     def _set_interval(self, command: Command) -> int:
-        message_id, interval_us = int(command.params[0]), command.params[1]
+        message_id, interval_us = command.whole(0), command.params[1]
         if message_id not in streams.BUILDERS:
             return DENIED if self._autopilot.flavour == "ardupilot" else UNSUPPORTED
         interval_s: float | None
@@ -110,7 +115,7 @@ class CommandServer:
         return ACCEPTED
 
     def _get_interval(self, command: Command) -> int:
-        message_id = int(command.params[0])
+        message_id = command.whole(0)
         if message_id not in streams.BUILDERS:
             return UNSUPPORTED
         stream = self._autopilot.channels[command.peer.link].streams.get(message_id)
@@ -119,7 +124,7 @@ class CommandServer:
         return ACCEPTED
 
     def _request_message(self, command: Command) -> int:
-        return self._send_once(int(command.params[0]))
+        return self._send_once(command.whole(0))
 
     def _capabilities(self, _command: Command) -> int:
         return self._send_once(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
@@ -152,7 +157,7 @@ class CommandServer:
         return ACCEPTED
 
     def _set_mission_current(self, command: Command) -> int:
-        return ACCEPTED if self._autopilot.set_mission_current(int(command.params[0])) else DENIED
+        return ACCEPTED if self._autopilot.set_mission_current(command.whole(0)) else DENIED
 
     def _grounded_only(self, _command: Command) -> int:
         """Reboot, calibration, storage: nothing to do in a simulation, but never in flight."""

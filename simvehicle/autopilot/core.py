@@ -35,6 +35,17 @@ _SLOW_TICKS = 5
 _CRASH_MPS = 3.5
 _TEXT_BYTES = 50
 """Of one STATUSTEXT; a longer text goes out in numbered pieces."""
+_ITEM_FRAMES = frozenset(
+    (
+        mavlink.MAV_FRAME_MISSION,
+        mavlink.MAV_FRAME_GLOBAL,
+        mavlink.MAV_FRAME_GLOBAL_INT,
+        mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+        mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
+        mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT,
+        mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT,
+    )
+)
 RC_AT_REST_US = (1500, 1500, 1000, 1500, 1800, 1000, 1000, 1800)
 """The remote control as the recorded vehicle saw it; channel 5 is the mode switch."""
 _LANDED_AFTER_S = 1.7
@@ -436,10 +447,12 @@ class Autopilot(abc.ABC):
             return int(mavlink.MAV_MISSION_UNSUPPORTED)
         if kind == RALLY and item.command != mavlink.MAV_CMD_NAV_RALLY_POINT:
             return int(mavlink.MAV_MISSION_UNSUPPORTED)
+        if item.frame not in _ITEM_FRAMES:
+            return int(mavlink.MAV_MISSION_UNSUPPORTED_FRAME)
         is_place = kind != MISSION or item.command in NAVIGATION
         if is_place and not (abs(item.x) <= 900_000_000 and abs(item.y) <= 1_800_000_000):
             return int(mavlink.MAV_MISSION_INVALID_PARAM5_X)
-        if is_place and math.isnan(item.z):
+        if is_place and not math.isfinite(item.z):
             return int(mavlink.MAV_MISSION_INVALID_PARAM7)
         return self.stored_item(kind, item)
 

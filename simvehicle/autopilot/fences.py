@@ -52,12 +52,12 @@ def areas_of(items: Sequence[Item], local: Callable[[Geodetic], Vector3]) -> tup
         item = items[place]
         if item.command in _CIRCLES:
             north, east = _point(item, local)
-            if not item.p1 > 0.0:
+            if not 0.0 < item.p1 < 1e7:
                 raise FenceError(f"fence item {place}: circle of radius {item.p1}")
             areas.append(Area(item.command == _CIRCLES[0], center_m=(north, east), radius_m=item.p1))
             place += 1
         elif item.command in _POLYGONS:
-            count = int(item.p1)
+            count = int(item.p1) if 0.0 <= item.p1 <= len(items) else 0
             corners = items[place : place + count]
             if count < 3 or len(corners) < count or any(c.command != item.command for c in corners):
                 raise FenceError(f"fence item {place}: a polygon of {count} vertices that are not there")

@@ -154,11 +154,11 @@ class MissionRun:
             self._speed_mps = item.p2
         if item.command == mavlink.MAV_CMD_DO_JUMP:
             made = self._jumps.get(self.current, 0)
-            if item.p2 < 0 or made < item.p2:
+            # a comparison with NaN is false: such a jump is passed over
+            if (item.p2 < 0 or made < item.p2) and self._around.first <= item.p1 < len(self._items):
                 self._jumps[self.current] = made + 1
-                if self._around.first <= int(item.p1) < len(self._items):
-                    self.current = int(item.p1)
-                    return
+                self.current = int(item.p1)
+                return
         self.current += 1
 
     def _maneuver_for(self, item: Item, nav: Navigation) -> Maneuver:

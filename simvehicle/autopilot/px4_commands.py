@@ -47,10 +47,10 @@ def arm(a: Px4, *, forced: bool) -> int:
 
 
 def set_mode(a: Px4, command: Command) -> int:
-    if not int(command.params[0]) & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+    if not command.whole(0) & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
         return DENIED
     try:
-        mode = Mode(int(command.params[1]) << 16 | int(command.params[2]) << 24)
+        mode = Mode(command.whole(1) << 16 | command.whole(2) << 24)
     except ValueError:
         return DENIED
     return a.user_mode(mode)
@@ -77,7 +77,7 @@ def mission_start(a: Px4, _command: Command) -> int:
 
 
 def reposition(a: Px4, command: Command) -> int:
-    if not int(command.params[1]) & 1 and a.mode is not Mode.HOLD:
+    if not command.whole(1) & 1 and a.mode is not Mode.HOLD:
         return DENIED
     target = a.commands.target(command)
     if target is None:
