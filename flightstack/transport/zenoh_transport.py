@@ -1,9 +1,12 @@
 """The swarm's network: zenoh peers that connect to each other directly, at endpoints that are written down.
 
 No multicast (many radios have none) and no broker (its loss would silence everybody). Every node listens where its
-configuration says and connects to every endpoint that it is told, for ever; gossip adds peers that are not
-written down. A connection made by gossip alone is *not* made again after it broke while the rest of the mesh
-stayed up, so a configuration should name every other node in `connect`.
+configuration says and connects to the endpoints that it is told, for ever; gossip adds peers that are not written
+down. A connection made by gossip alone is *not* made again after it broke while the rest of the mesh stayed up.
+
+So the best `connect` is one list of all nodes' endpoints, the same on every node: each pair then has one connection,
+made and made again by the later one in the list, and gossip is not needed. A single endpoint is enough for a
+mesh whose nodes all come and stay.
 """
 
 from __future__ import annotations
@@ -200,18 +203,21 @@ def _configuration(listen: Sequence[str], connect: Sequence[str], tls: TlsConfig
     for field, endpoints in (("listen", listen), ("connect", connect)):
         for endpoint in endpoints:
             _check(field, endpoint, tls)
+    lists_itself = any(endpoint in listen for endpoint in connect)
     options: dict[str, Any] = {
         "mode": "peer",
         "listen": {"endpoints": list(listen), "timeout_ms": 0, "exit_on_failure": True},
         "connect": {
-            # A list of all members may name this node itself.
-            "endpoints": [endpoint for endpoint in connect if endpoint not in listen],
+            "endpoints": _once_a_pair(listen, connect),
             "timeout_ms": -1,
             "exit_on_failure": False,
             "retry": {"period_init_ms": 250, "period_max_ms": 1000, "period_increase_factor": 2},
         },
         "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": True,
+        "scouting/gossip": {
+            "enabled": not lists_itself,
+            "autoconnect_strategy": {"peer": {"to_router": "always", "to_peer": "greater-zid"}},
+        },
         "scouting/delay": 0,
         "open/return_conditions": {"connect_scouted": False, "declares": False},
         "transport/unicast/open_timeout": 3000,
@@ -239,6 +245,17 @@ def _configuration(listen: Sequence[str], connect: Sequence[str], tls: TlsConfig
             "verify_name_on_connect": False,
         }
     return options
+
+
+def _once_a_pair(listen: Sequence[str], connect: Sequence[str]) -> list[str]:
+    """Where to connect to. A list that names this node itself is every node's: the later ones connect to the earlier.
+
+    Two nodes that connect to each other have two connections, and after one of them hung the other's new
+    connection can be taken for a part of the hung one's old session, whose declarations are then missing
+    (https://github.com/eclipse-zenoh/zenoh/issues/1886). With one connection a pair that cannot be.
+    """
+    own = [index for index, endpoint in enumerate(connect) if endpoint in listen]
+    return list(connect[: own[0]] if own else connect)
 
 
 def _check(field: str, endpoint: str, tls: TlsConfig | None) -> None:
