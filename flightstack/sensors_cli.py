@@ -8,12 +8,15 @@ import sys
 import time
 from typing import Annotated, Any
 
+import msgspec
 import typer
 import yaml
 
 from sensors.captures import decode as decode_stream
 from sensors.captures import is_json_lines, read_bytes, read_samples, sample_line, usual_period_s
+from sensors.co2_model import Co2FilterConfig
 from sensors.errors import SensorError
+from sensors.filter_settings import co2_filter_config
 from sensors.instruments import INSTRUMENTS, instrument_type, make_instrument
 from sensors.samples import InstrumentState, Sample
 
@@ -27,6 +30,9 @@ TypeOption = Annotated[str, typer.Option("--type", help="Instrument type; `list`
 JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object a line instead of text.")]
 OptionOption = Annotated[
     list[str] | None, typer.Option("--option", help="NAME=VALUE, as under `options` in a drone's file.")
+]
+MaybeTypeOption = Annotated[
+    str | None, typer.Option("--type", help="What made the raw bytes; `list` names them.")
 ]
 FileArgument = Annotated[
     pathlib.Path, typer.Argument(help="JSON lines of `read --json`, or raw bytes with --type.")
@@ -124,6 +130,132 @@ def read(
         raise typer.Exit(1)
 
 
+@app.command()
+def plot(
+    file: FileArgument,
+    type_name: MaybeTypeOption = None,
+    out: Annotated[
+        pathlib.Path | None, typer.Option(help="PNG, SVG or PDF; default: beside the file.")
+    ] = None,
+    option: OptionOption = None,
+) -> None:
+    """Draw a recording: readings, the filter's estimate with its 95 % band, states without a value."""
+    from sensors.figures import recording_figure, save
+
+    samples = _load(file, type_name, option)
+    target = out or file.with_suffix(".png")
+    save(recording_figure(samples, _co2_config(samples, type_name), file.name), target)
+    typer.echo(f"{target}: {len(samples)} messages drawn")
+
+
+@app.command()
+def tune(
+    file: FileArgument,
+    type_name: MaybeTypeOption = None,
+    as_json: JsonOption = False,
+    option: OptionOption = None,
+) -> None:
+    """Fit the instrument's noise and lag to a recording by maximum likelihood, and print them."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from sensors.tuning import Fitted, tune_co2, tune_wind
+
+    samples = _load(file, type_name, option)
+    is_co2 = any(s.co2_ppm is not None for s in samples)
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("fitting", total=1.0)
+
+        def progress(share: float) -> None:
+            bar.update(task, completed=share)
+
+        numbers: dict[str, Fitted]
+        if is_co2:
+            co2 = tune_co2(samples, _co2_config(samples, type_name) or Co2FilterConfig(), progress)
+            numbers, readings, likelihood = (
+                {"lag_s": co2.lag_s, "noise_ppm": co2.noise_ppm},
+                co2.readings,
+                co2.log_likelihood,
+            )
+        else:
+            wind = tune_wind(samples, progress)
+            numbers = {name: getattr(wind, name) for name in ("noise_mps", "gust_sd_mps", "gust_time_s")}
+            readings, likelihood = wind.readings, wind.log_likelihood
+    if as_json:
+        result: dict[str, Any] = {name: round(n.value, 4) for name, n in numbers.items()}
+        result["factors"] = {name: round(n.factor, 3) for name, n in numbers.items()}
+        typer.echo(json.dumps(result | {"readings": readings, "log_likelihood": round(likelihood, 1)}))
+        return
+    for name, fitted in numbers.items():
+        doubt = f"within a factor of {fitted.factor:.2f}" if fitted.known else "not told by this recording"
+        typer.echo(f"{name:<12} {fitted.value:8.3f}   {doubt}")
+    typer.echo(f"from {readings} readings, log likelihood {likelihood:.1f}")
+
+
+@app.command()
+def calibrate(
+    files: Annotated[list[pathlib.Path], typer.Argument(help="One recording (JSON lines) for each drone.")],
+    out: Annotated[pathlib.Path | None, typer.Option(help="Write the calibrations here, as JSON.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Cross-calibrate drones that stood side by side: each one's offset and scale against the median."""
+    import datetime
+
+    from sensors.calibration import cross_calibrate
+    from sensors.calibration import save as save_calibrations
+
+    made_at = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+    found = cross_calibrate({f.stem: read_samples(f) for f in files}, made_at)
+    for name, calibration in found.items():
+        if as_json:
+            typer.echo(json.dumps({"drone": name} | msgspec.to_builtins(calibration)))
+        else:
+            typer.echo(
+                f"{name:<16} offset {calibration.offset_ppm:+8.2f} ppm   scale {calibration.scale:.4f}   "
+                f"scatter {calibration.scatter_ppm:.2f} ppm over {calibration.seconds} s"
+            )
+    if out is not None:
+        save_calibrations(out, found)
+
+
+@app.command()
+def doctor(
+    port: Annotated[
+        list[str] | None, typer.Option(help="Look at this port; default: all of this machine.")
+    ] = None,
+    type_names: Annotated[
+        list[str] | None, typer.Option("--type", help="Look for this type only; may be given again.")
+    ] = None,
+    seconds: Annotated[
+        float, typer.Option(help="How long to listen at each rate and to each question.")
+    ] = 2.5,
+    as_json: JsonOption = False,
+) -> None:
+    """Find the ports, tell which instrument answers on each, and why the others do not. Ends with 1 if none
+    does."""
+    from sensors.doctor import diagnose, serial_ports
+
+    types = [instrument_type(t).name for t in type_names] if type_names else None
+    ports = port or serial_ports()
+    if not ports:
+        raise SensorError("this machine has no serial port: plug the instrument in, or name one with --port")
+    answered = 0
+    for name in ports:
+        found = diagnose(name, types, seconds)
+        answered += found.type_name is not None
+        if as_json:
+            typer.echo(
+                json.dumps(
+                    {"port": name, "type": found.type_name, "baud": found.baud, "detail": found.detail}
+                )
+            )
+        else:
+            who = f"{found.type_name} at {found.baud} baud" if found.type_name else "no instrument"
+            typer.echo(f"{name}: {who}: {found.detail}")
+    if not answered:
+        raise typer.Exit(1)
+
+
 def sample_text(sample: Sample) -> str:
     """A sample in one line for a person."""
     head = f"{sample.time_s:9.2f} s  {sample.state.value:<9}"
@@ -166,6 +298,21 @@ def _load(file: pathlib.Path, type_name: str | None, option: list[str] | None) -
         raise SensorError(f"{file}: raw bytes of an instrument: say which with --type")
     instrument = make_instrument(type_name, None, _options(option))
     return list(decode_stream(instrument, data, usual_period_s(instrument_type(type_name))))
+
+
+def _co2_config(samples: list[Sample], type_name: str | None) -> Co2FilterConfig | None:
+    """The filter's numbers for what made these samples: the given type, or one whose name the samples
+    carry."""
+    for name in [type_name] if type_name else sorted({s.instrument for s in samples}):
+        try:
+            entry = instrument_type(name)
+        except SensorError:
+            if type_name:
+                raise
+            continue
+        if entry.co2 is not None:
+            return co2_filter_config(entry.name)
+    return None
 
 
 class _Lines:

@@ -88,6 +88,8 @@ class Co2Filter:
         self._told: tuple[Health, str] = (Health.BAD, "no reading yet")
         self.log_likelihood = 0.0
         """Of all readings so far under the filter's own predictions: what tuning makes as large as it can."""
+        self.refused = 0
+        """Readings that the innovation gate has turned away so far."""
 
     @property
     def verdict(self) -> tuple[Health, str]:
@@ -209,6 +211,7 @@ class Co2Filter:
         if nis > self.config.gate_sd**2:
             if not self._confirmed(time_s, innovation):
                 self._verdicts.append(False)
+                self.refused += 1
                 return
         else:
             self._held = None

@@ -11,6 +11,7 @@ import msgspec
 
 from sensors import ft205, gss, k30, li850, mavlink_readings, sba5, trisonica, windsonic
 from sensors.anemometers import Mounting
+from sensors.calibration import CalibratedInstrument, Calibration
 from sensors.errors import SensorError
 from sensors.samples import Instrument, Quantity
 
@@ -152,13 +153,18 @@ def make_instrument(
 ) -> Instrument:
     """The protocol of an instrument of this type, called `name` in its samples (by default as its type).
 
+    Beside its own, every CO2 instrument has the option `calibration` (see `sensors.calibration`).
     `SensorError` for an unknown type, an option that the type does not have, or a value that cannot be.
     """
     entry = instrument_type(type_name)
     label = name or entry.name
+    given = dict(options or {})
+    measures_co2 = entry.quantity is Quantity.CO2
     try:
-        checked = msgspec.convert(dict(options or {}), entry.options)
+        calibration = given.pop("calibration", None) if measures_co2 else None
+        corrected = None if calibration is None else msgspec.convert(calibration, Calibration)
+        instrument = entry.make(label, msgspec.convert(given, entry.options))
     except msgspec.ValidationError as error:
-        known = ", ".join(entry.options.__struct_fields__) or "none"
+        known = ", ".join((*entry.options.__struct_fields__, *(("calibration",) if measures_co2 else ())))
         raise SensorError(f"instrument {label} ({entry.name}): {error}; its options are: {known}") from error
-    return entry.make(label, checked)
+    return instrument if corrected is None else CalibratedInstrument(instrument, corrected)
