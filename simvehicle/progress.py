@@ -12,6 +12,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from flightstack.wire import DroneState
 from simvehicle.conductor import Conductor, Stand
 from simvehicle.watch import SurveyWatch
 
@@ -62,6 +63,12 @@ class _View:
             parts.append(note)
         return " | ".join(parts)
 
+    def phase(self, drone: int, state: DroneState, now_s: float) -> str:
+        """The drone's own word for it, unless its agent is dead or silent."""
+        if drone not in self._conductor.alive:
+            return "dead"
+        return str(state.phase) if drone in self._watch.talking(now_s) else "silent"
+
     def _stage(self) -> str:
         order = self._watch.order
         return (
@@ -90,7 +97,7 @@ class Lines(_View):
         if wall_s < self._next_wall_s:
             return
         self._next_wall_s = wall_s + LINE_EVERY_WALL_S
-        phases = " ".join(f"{d}:{s.phase}" for d, s in sorted(self._watch.states.items()))
+        phases = " ".join(f"{d}:{self.phase(d, s, now_s)}" for d, s in sorted(self._watch.states.items()))
         print(f"{self.headline(now_s, wall_s, note)} | {phases}", file=sys.stderr, flush=True)  # noqa: T201
 
 
@@ -122,14 +129,12 @@ class LiveTable(_View):
         table = Table(box=None, pad_edge=False)
         for name in ("drone", "phase", "mode", "slot", "up, m", "CO2 over background", "battery", "notes"):
             table.add_column(name, justify="right" if name in ("drone", "slot", "up, m") else "left")
-        talking = self._watch.talking(now_s)
         for drone in self._watch.members:
             state = self._watch.states.get(drone)
             if state is None:
                 table.add_row(str(drone), "not heard yet")
                 continue
-            dead = drone not in self._conductor.alive
-            phase = "dead" if dead else f"{state.phase}" if drone in talking else "silent"
+            phase = self.phase(drone, state, now_s)
             excess, up = state.excess_co2_ppm, state.position_ned_m
             table.add_row(
                 str(drone),
