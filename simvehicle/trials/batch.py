@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from typing import Any
 
 import pandas as pd
@@ -17,6 +17,7 @@ from simvehicle.trials.store import Block, Run, Store
 
 Progress = Callable[[int, int], None]
 """Called with (trials done, trials in all)."""
+Finished = Generator[tuple[Block, pd.DataFrame], None, None]
 
 
 def complete(
@@ -25,21 +26,26 @@ def complete(
     *,
     jobs: int = 1,
     scheduler: str | None = None,
-    progress: Progress = lambda done, total: None,
+    progress: Progress | None = None,
 ) -> pd.DataFrame:
     """Do what is missing of `run`, on `jobs` cores here or on the dask cluster at `scheduler`; all rows."""
     total = run.trials * len(run.cells)
     missing = store.missing()
     done = total - sum(block.count for block in missing)
-    progress(done, total)
+    report = progress or _silent
+    report(done, total)
     if missing:
         finished = _on_cluster(run, missing, scheduler) if scheduler else _on_cores(run, missing, jobs)
         with contextlib.closing(finished):
             for block, rows in finished:
                 store.add(block, rows)
                 done += block.count
-                progress(done, total)
+                report(done, total)
     return store.rows()
+
+
+def _silent(done: int, total: int) -> None:
+    del done, total
 
 
 def warm_up(run: Run) -> None:
@@ -55,7 +61,7 @@ def _work(cell: Cell, seed: int, block: Block, engine: str) -> tuple[Block, pd.D
     return block, run_cell(cell, seed, block.first, block.count)
 
 
-def _on_cores(run: Run, missing: Sequence[Block], jobs: int) -> Iterator[tuple[Block, pd.DataFrame]]:
+def _on_cores(run: Run, missing: Sequence[Block], jobs: int) -> Finished:
     warm_up(run)
     if jobs == 1:
         for block in missing:
@@ -75,11 +81,12 @@ def _on_cores(run: Run, missing: Sequence[Block], jobs: int) -> Iterator[tuple[B
             results.close()
 
 
-def _on_cluster(run: Run, missing: Sequence[Block], scheduler: str) -> Iterator[tuple[Block, pd.DataFrame]]:
+def _on_cluster(run: Run, missing: Sequence[Block], scheduler: str) -> Finished:
     try:
-        import distributed
+        import distributed as dask_cluster
     except ImportError as error:
         raise TrialsError("--scheduler needs dask: pip install 'flightstack[cluster]'") from error
+    distributed: Any = dask_cluster
     try:
         client = distributed.Client(scheduler, timeout="10s")
     except (OSError, ValueError, TimeoutError) as error:

@@ -69,6 +69,7 @@ def new_drones(count: int, limit: int, legs: FloatArray) -> Drones:
         np.full(count, NEVER),
         np.full(count, math.inf),
         np.zeros(count),
+        np.zeros((count, ROW)),
         np.zeros(count, np.int64),
         np.full(count, NEVER),
         tally,

@@ -11,7 +11,19 @@ from typing import NamedTuple
 
 from mission.formation import FloatArray, IntArray
 from simvehicle.trials.compiled import kernel
-from simvehicle.trials.motion import PD, ROW, TICKS_PER_S, X, Y, copy_row, fly, freeze, leg_ticks, pd_tick
+from simvehicle.trials.motion import (
+    PD,
+    ROW,
+    TICKS_PER_S,
+    X,
+    Y,
+    begin_leg,
+    copy_row,
+    first_inside,
+    fly,
+    freeze,
+    pd_tick,
+)
 from simvehicle.trials.plume import HIGH_X, HIGH_Y, LOW_X, LOW_Y, SOURCE_X, SOURCE_Y, reading
 
 NEVER = 1 << 60
@@ -59,8 +71,10 @@ class Drones(NamedTuple):
     """The hazard at which it fails in the plume."""
     hazard: FloatArray
     """The hazard that it has collected."""
-    arrives: IntArray
-    """Scratch: ticks of the present leg to arrival."""
+    ahead: FloatArray
+    """(n, ROW) scratch: the states from which the present leg's arrival is found."""
+    begun: IntArray
+    """Scratch: the ticks of the present leg at which those states are reached."""
     ends: IntArray
     """Scratch: ticks of the present leg to the drone's failure."""
     tally: IntArray
@@ -179,16 +193,43 @@ def record(drones: Drones, drone: int, label: int, start_tick: int, ticks: int) 
 
 
 @kernel
-def _longest(scene: Scene, drones: Drones, required: IntArray) -> int:
-    """Ticks until the last required drone that lives has arrived, were nobody to fail; 0 if there is none."""
-    longest = 0
+def _begin(scene: Scene, drones: Drones, required: IntArray) -> bool:
+    """Look ahead for the required drones that live; whether there is one."""
+    some = False
     for i in range(drones.alive.shape[0]):
+        drones.ends[i] = NEVER
         if drones.alive[i] == 1 and required[i] == 1:
-            tx, ty = drones.targets[i, 0], drones.targets[i, 1]
-            ticks = leg_ticks(scene.motion, drones.rows[i], tx, ty, scene.powers, drones.work)
-            drones.arrives[i] = ticks
-            longest = max(longest, ticks)
-    return longest
+            some = True
+            drones.begun[i] = begin_leg(
+                scene.motion, drones.rows[i], drones.targets[i, 0], drones.targets[i, 1], drones.ahead[i]
+            )
+    return some
+
+
+@kernel
+def _arrival(scene: Scene, drones: Drones, required: IntArray) -> int:
+    """The first tick of the leg at which all required drones that have not failed by then are there at once."""
+    tick = 1
+    settled = False
+    while not settled:
+        settled = True
+        for i in range(drones.alive.shape[0]):
+            if drones.alive[i] == 0 or required[i] == 0 or drones.ends[i] <= tick:
+                continue
+            there = first_inside(
+                scene.motion,
+                drones.ahead[i],
+                drones.begun[i],
+                drones.targets[i, 0],
+                drones.targets[i, 1],
+                scene.powers,
+                tick,
+            )
+            there = min(there, drones.ends[i])
+            if there > tick:
+                tick = there
+                settled = False
+    return tick
 
 
 @kernel
@@ -209,8 +250,9 @@ def _walk_drone(scene: Scene, drones: Drones, i: int, ticks: int, want_contact: 
 
 
 @kernel
-def _failures(scene: Scene, drones: Drones, longest: int) -> None:
-    """Find for every drone after how many ticks of the leg it fails."""
+def _failures(scene: Scene, drones: Drones, longest: int) -> bool:
+    """Find for every drone after how many ticks of the leg it fails; whether any does within `longest`."""
+    some = False
     for i in range(drones.alive.shape[0]):
         if drones.alive[i] == 0:
             continue
@@ -219,6 +261,8 @@ def _failures(scene: Scene, drones: Drones, longest: int) -> None:
         if scene.world[IN_PLUME_RATE] > 0.0 and passes_plume(scene, drones.rows[i], tx, ty):
             _walk_drone(scene, drones, i, min(longest, drones.ends[i] - 1), False)
             drones.ends[i] = min(drones.ends[i], drones.found[FAILURE])
+        some = some or drones.ends[i] <= longest
+    return some
 
 
 @kernel
@@ -258,15 +302,12 @@ def fly_leg(scene: Scene, drones: Drones, labels: IntArray, required: IntArray, 
     tally = drones.tally
     now = tally[NOW]
     count = drones.alive.shape[0]
-    longest = hold if hold > 0 else _longest(scene, drones, required)
-    if longest == 0:
+    if not _begin(scene, drones, required):
         return False
-    _failures(scene, drones, longest)
-    end = hold
-    if hold == 0:
-        for i in range(count):
-            if drones.alive[i] == 1 and required[i] == 1:
-                end = max(end, min(drones.arrives[i], drones.ends[i]))
+    # Nobody's failure makes the others later: without any the leg is longest.
+    end = hold if hold > 0 else _arrival(scene, drones, required)
+    if _failures(scene, drones, end) and hold == 0:
+        end = _arrival(scene, drones, required)
     end = min(end, tally[LIMIT] - now)
     success = _watch(scene, drones, end)
     end = min(end, success)

@@ -136,15 +136,15 @@ def _heal(
             holder[source] = -1
             holder[target] = drone
             drones.tally[MOVES] += 1
-    if moved:
-        drones.tally[HEALS] += 1
-        drones.tally[HEAL_TICKS] += drones.tally[NOW] - begin
     members = 0
     _clear(required)
     for slot in range(holder.shape[0]):
         if holder[slot] >= 0:
             required[holder[slot]] = 1
             members += 1
+    if moved and members > 0:
+        drones.tally[HEALS] += 1
+        drones.tally[HEAL_TICKS] += drones.tally[NOW] - begin
     return members > 0
 
 

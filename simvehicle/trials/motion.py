@@ -34,6 +34,8 @@ ARRIVED_M = 0.1
 """`pd`: a waypoint is reached when both axes are nearer than this at a tick."""
 _POWERS = 2048
 _FAR = 1 << 40
+_SHORT_M = 2.5
+_SHORT_TICKS = 256
 
 
 class Pd(msgspec.Struct, frozen=True, tag="pd", tag_field="model", forbid_unknown_fields=True):
@@ -99,7 +101,7 @@ def pd_tick(row: FloatArray, axis: int, target: float) -> bool:
 
 
 @kernel
-def _pd_free(row: FloatArray, tx: float, ty: float, most: int, stop_inside: bool) -> int:
+def _pd_free(row: FloatArray, tx: float, ty: float, most: int) -> int:
     """Step until the clamp acts on neither axis, at most `most` ticks; the number of ticks."""
     ticks = 0
     while ticks < most:
@@ -107,8 +109,6 @@ def _pd_free(row: FloatArray, tx: float, ty: float, most: int, stop_inside: bool
         clamped_y = pd_tick(row, 1, ty)
         ticks += 1
         if not (clamped_x or clamped_y):
-            break
-        if stop_inside and abs(row[EX]) < ARRIVED_M and abs(row[EY]) < ARRIVED_M:
             break
     return ticks
 
@@ -121,25 +121,34 @@ def _pd_inside(row: FloatArray, tx: float, ty: float, powers: FloatArray, k: int
 
 
 @kernel
-def _pd_ticks(row: FloatArray, tx: float, ty: float, powers: FloatArray, work: FloatArray) -> int:
-    """Ticks until the drone is inside ARRIVED_M of its target; it stays there (the controller is overdamped)."""
-    copy_row(row, work)
-    ticks = _pd_free(work, tx, ty, _FAR, True)
-    if abs(work[EX]) < ARRIVED_M and abs(work[EY]) < ARRIVED_M:
-        return ticks
-    outside, inside = 0, 64
-    while not _pd_inside(work, tx, ty, powers, inside):
+def _pd_first_inside(row: FloatArray, tx: float, ty: float, powers: FloatArray, least: int) -> int:
+    """The first tick k >= `least` at which a drone that leaves the clamp in state `row` is inside.
+
+    Each axis is a sum of two decaying exponentials. A short leg, begun with speed left from the one before, can
+    enter the square, leave it on the other side and come back: its ticks are tried one by one. A long leg
+    (over 2.5 m on an axis) enters once, when any overshoot of the other axis has died away: it is bisected.
+    """
+    if _pd_inside(row, tx, ty, powers, least):
+        return least
+    outside = least
+    if abs(row[X] - tx) < _SHORT_M and abs(row[Y] - ty) < _SHORT_M:
+        while outside < least + _SHORT_TICKS:
+            outside += 1
+            if _pd_inside(row, tx, ty, powers, outside):
+                return outside
+    inside = outside + 64
+    while not _pd_inside(row, tx, ty, powers, inside):
         outside = inside
         inside = min(2 * inside, powers.shape[0] - 1)
         if outside == inside:
             return _FAR  # cannot be: 2047 ticks bring any leg inside
     while inside - outside > 1:
         middle = (inside + outside) // 2
-        if _pd_inside(work, tx, ty, powers, middle):
+        if _pd_inside(row, tx, ty, powers, middle):
             inside = middle
         else:
             outside = middle
-    return ticks + inside
+    return inside
 
 
 @kernel
@@ -166,12 +175,15 @@ def _cruise_m(time_s: float, length_m: float, speed_mps: float, acceleration_mps
 
 
 @kernel
-def leg_ticks(
-    motion: FloatArray, row: FloatArray, tx: float, ty: float, powers: FloatArray, work: FloatArray
-) -> int:
-    """How many ticks (at least 1) the drone in state `row` needs to arrive at (tx, ty)."""
+def begin_leg(motion: FloatArray, row: FloatArray, tx: float, ty: float, ahead: FloatArray) -> int:
+    """Look ahead on a leg that begins in state `row`: what `first_inside` needs.
+
+    `pd`: the ticks until the clamp lets go, and in `ahead` the state then; the drone is not inside before.
+    `cruise`: the ticks to arrival.
+    """
+    copy_row(row, ahead)
     if motion[0] == PD:
-        return _pd_ticks(row, tx, ty, powers, work)
+        return _pd_free(ahead, tx, ty, _FAR)
     length_m = math.hypot(tx - row[X], ty - row[Y])
     whole_s = _cruise_s(length_m, motion[1], motion[2]) + motion[3]
     ticks: int = math.ceil(whole_s * TICKS_PER_S - 1e-9)
@@ -179,10 +191,29 @@ def leg_ticks(
 
 
 @kernel
+def first_inside(
+    motion: FloatArray, ahead: FloatArray, begun: int, tx: float, ty: float, powers: FloatArray, least: int
+) -> int:
+    """The first tick k >= `least` of a leg at which the drone is at its target; `begin_leg` gave `begun`."""
+    if motion[0] == PD:
+        return begun + _pd_first_inside(ahead, tx, ty, powers, max(least - begun, 0))
+    return max(begun, least)
+
+
+@kernel
+def leg_ticks(
+    motion: FloatArray, row: FloatArray, tx: float, ty: float, powers: FloatArray, ahead: FloatArray
+) -> int:
+    """How many ticks (at least 1) one drone in state `row` needs to arrive at (tx, ty)."""
+    begun = begin_leg(motion, row, tx, ty, ahead)
+    return first_inside(motion, ahead, begun, tx, ty, powers, 1)
+
+
+@kernel
 def fly(motion: FloatArray, row: FloatArray, tx: float, ty: float, ticks: int, powers: FloatArray) -> None:
     """Take `row` forward by `ticks` ticks of its leg to (tx, ty); the leg begins in state `row`."""
     if motion[0] == PD:
-        left = ticks - _pd_free(row, tx, ty, ticks, False)
+        left = ticks - _pd_free(row, tx, ty, ticks)
         while left > 0:
             k = min(left, powers.shape[0] - 1)
             for axis in range(2):

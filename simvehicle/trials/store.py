@@ -10,7 +10,6 @@ from __future__ import annotations
 import errno
 import os
 import pathlib
-from typing import Any
 
 import msgspec
 import pandas as pd
@@ -114,22 +113,6 @@ class Store:
                 raise TrialsError(f"{path}: cannot be read ({error}); remove it and run again") from error
         return pd.concat(frames, ignore_index=True)
 
-    def export(self, kind: str) -> pathlib.Path:
-        """All rows in one file, `kind` "parquet" or "csv"."""
-        path = self._directory / f"rows.{kind}"
-        rows = self.rows()
-        part = path.with_suffix(".part")
-        try:
-            if kind == "csv":
-                rows.to_csv(part, index=False)
-            else:
-                rows.to_parquet(part, index=False)
-            os.replace(part, path)
-        except OSError as error:
-            part.unlink(missing_ok=True)
-            raise _disk_error(path, error) from error
-        return path
-
 
 def _write_whole(path: pathlib.Path, data: bytes) -> None:
     part = path.with_suffix(".part")
@@ -144,9 +127,3 @@ def _disk_error(path: pathlib.Path, error: OSError) -> TrialsError:
             "are kept"
         )
     return TrialsError(f"{path}: {error.strerror or error}")
-
-
-def describe(run: Run) -> dict[str, Any]:
-    """`run` as plain data, for a person's eyes."""
-    described: dict[str, Any] = msgspec.to_builtins(run)
-    return described

@@ -1,0 +1,112 @@
+"""Running an experiment from its options to its files: rows, table, figure, verdicts."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import pathlib
+from typing import Any
+
+import msgspec
+import pandas as pd
+
+from simvehicle.experiments.definitions import Experiment, Options, define
+from simvehicle.experiments.table import markdown, summarise
+from simvehicle.experiments.verdicts import Verdict, judge
+from simvehicle.experiments.verdicts import markdown as verdict_markdown
+from simvehicle.trials.batch import Progress, complete
+from simvehicle.trials.errors import TrialsError
+from simvehicle.trials.store import Run, Store
+
+_ALONE = 2500
+"""Runs of fewer trials than this are done before other processes have even started."""
+
+_TITLES = {
+    "locus-1": "Time to contact and to max flux, smooth plume",
+    "locus-2": "Time to contact and to max flux, perturbed plume",
+    "locus-3": "Generic failures",
+    "locus-4": "Failures in the plume",
+}
+
+
+class Report(msgspec.Struct, frozen=True):
+    experiment: Experiment
+    directory: pathlib.Path
+    rows: pd.DataFrame
+    summaries: list[dict[str, Any]]
+    verdicts: list[Verdict]
+
+
+def usual_jobs(trials: int) -> int:
+    """How many cores a run of so many trials is spread over unless a person says."""
+    return len(os.sched_getaffinity(0)) if trials > _ALONE else 1
+
+
+def run_experiment(
+    name: str,
+    options: Options,
+    *,
+    seed: int,
+    out: pathlib.Path | None = None,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    progress: Progress | None = None,
+) -> Report:
+    """Run what is missing of an experiment and judge it. Everything that a person can get wrong: `TrialsError`."""
+    experiment = define(name, options)
+    cells = experiment.cells + experiment.compared
+    run = Run(name, seed, experiment.trials, min(100, experiment.trials), cells)
+    directory = out or pathlib.Path("out") / "experiments" / f"{name}-{_identity(run)}"
+    store = Store(directory, run)
+    rows = complete(
+        run,
+        store,
+        jobs=jobs or usual_jobs(len(cells) * experiment.trials),
+        scheduler=scheduler,
+        progress=progress,
+    )
+    summaries = [summarise(rows, cell) for cell in experiment.cells]
+    return Report(experiment, directory, rows, summaries, judge(experiment, rows))
+
+
+def _identity(run: Run) -> str:
+    """Equal for equal runs: the same command again goes on with, or shows, the same results."""
+    return hashlib.sha256(msgspec.json.encode(run)).hexdigest()[:10]
+
+
+def write_report(report: Report, command: str, rows_as: str = "parquet") -> pathlib.Path:
+    """Write rows, table, verdicts and figure beside each other; the path of the page that shows them."""
+    from simvehicle.experiments import figures
+
+    name = report.experiment.name
+    draw = figures.rates if report.experiment.by_rate else figures.bars
+    title = (
+        f"{_TITLES[name]} ({report.experiment.trials} trials a cell, motion {report.summaries[0]['motion']})"
+    )
+    page = report.directory / f"{name}.md"
+    try:
+        figures.save(draw(report.summaries, title), report.directory / f"{name}.png")
+        (report.directory / f"{name}.json").write_text(
+            json.dumps(
+                {
+                    "cells": report.summaries,
+                    "verdicts": [msgspec.to_builtins(one) for one in report.verdicts],
+                },
+                indent=1,
+            )
+            + "\n",
+            encoding="utf-8",
+        )
+        page.write_text(
+            f"# {name}: {_TITLES[name]}\n\n```\n{command}\n```\n\n![{_TITLES[name]}]({name}.png)\n\n"
+            f"## Verdicts\n\n{verdict_markdown(report.verdicts)}\n## Cells\n\n{markdown(report.summaries)}",
+            encoding="utf-8",
+        )
+        if rows_as == "csv":
+            report.rows.to_csv(report.directory / "rows.csv", index=False)
+        else:
+            report.rows.to_parquet(report.directory / "rows.parquet", index=False)
+    except OSError as error:
+        raise TrialsError(f"{report.directory}: {error.strerror or error}; the trials are kept") from error
+    return page
