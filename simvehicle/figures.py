@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 
 import matplotlib
 import numpy as np
+import shapely
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
@@ -174,7 +175,9 @@ def _fence(axes: Axes, fence: BaseGeometry) -> None:
             axes.add_patch(
                 PathPatch(path, fill=False, edgecolor="#b00020", linewidth=1.2, linestyle="--", zorder=2)
             )
-    axes.plot([], [], color="#b00020", linewidth=1.2, linestyle="--", label="geofence")
+    (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
+    if fence.boundary.intersects(shapely.box(south, west, north, east)):
+        axes.plot([], [], color="#b00020", linewidth=1.2, linestyle="--", label="geofence")
 
 
 def _finds(axes: Axes, source_ned_m: Vector3, log: Log) -> None:

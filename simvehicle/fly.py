@@ -76,6 +76,7 @@ def fly(
         launch.start(plan, processes, commands)
         end = _conduct(survey, plan, processes, interrupts, kills)
         stubborn = processes.stop()
+    plan.clock.unlink(missing_ok=True)
     log = end.watch.log()
     flown = summary.summarise(
         survey.config.name,

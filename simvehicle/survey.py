@@ -109,7 +109,7 @@ class SurveyConfig(Section, frozen=True, kw_only=True):
     plume: GaussianPlume | LocusGridPlume | None = None
     background_co2_ppm: Annotated[float, Meta(ge=0.0)] = 420.0
     seed: int = 0
-    speedup: Annotated[float, Meta(gt=0.0, le=20.0)] = 4.0
+    speedup: Annotated[float, Meta(gt=0.0, le=20.0)] = 5.0
     """How many times faster than real time everything runs; a busy machine needs a lower one."""
     time_limit_s: Positive = 1800.0
     """Simulated seconds after the first take-off at which everybody is called home."""

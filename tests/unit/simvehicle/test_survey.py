@@ -55,8 +55,8 @@ def test_a_file_that_is_not_text(tmp_path: pathlib.Path) -> None:
 @pytest.mark.parametrize(
     ("before", "after", "expected"),
     [
-        ("speedup: 4.0", "speedupp: 5.0", ["speedupp", "unknown key"]),
-        ("speedup: 4.0", "speedup: fast", ["speedup", "float"]),
+        ("speedup: 5.0", "speedupp: 5.0", ["speedupp", "unknown key"]),
+        ("speedup: 5.0", "speedup: fast", ["speedup", "float"]),
         ("  spacing_m: 10.0", "  spacing_m: -1", ["formation.spacing_m"]),
         ("spacing_m: 6.0", "spacing_m: 3.0", ["launch_line", "drones 1 and 2 start 3.0 m apart", "separation_m"]),
         ("  spacing_m: 10.0", "  spacing_m: 3.5", ["formation", "must stay 4 m apart"]),
