@@ -16,8 +16,8 @@ from flightstack.wire import Command, DroneState, GroundBeat, Traffic, TrafficVe
 from mission.frames import LocalFrame
 from mission.observation import Neighbour, Scalar
 
-OBSTACLE_MEMORY_S = 120.0
-"""How long a silent flying peer is kept in mind as an obstacle."""
+OBSTACLE_MEMORY_S = 3600.0
+"""How long a silent flying peer is kept in mind as an obstacle: longer than a battery lasts."""
 
 
 @dataclasses.dataclass(slots=True)
@@ -99,9 +99,8 @@ class Belief:
             age_s = now_s - at_s
             known = found.get(drone)
             if age_s <= OBSTACLE_MEMORY_S and (known is None or age_s < known.age_s):
-                airborne = True  # the ground station reports flying vehicles only
                 found[drone] = Neighbour(
-                    drone, vehicle.position_ned_m, vehicle.velocity_ned_mps, age_s, airborne
+                    drone, vehicle.position_ned_m, vehicle.velocity_ned_mps, age_s, vehicle.airborne
                 )
         return tuple(found[drone] for drone in sorted(found))
 

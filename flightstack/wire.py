@@ -150,6 +150,8 @@ class TrafficVehicle(msgspec.Struct, frozen=True, array_like=True):
     position_ned_m: Vector3
     velocity_ned_mps: Vector3
     age_s: float
+    airborne: bool = True
+    """False: it is on the ground, and no obstacle where it was last heard flying."""
 
 
 class Traffic(msgspec.Struct, frozen=True, array_like=True):

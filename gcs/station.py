@@ -179,20 +179,20 @@ class Station:
             self._timeline.append(TimelineEntry(f"/traffic/{self.config.station}", message))
 
     def _traffic(self, now_s: float) -> tuple[TrafficVehicle, ...]:
-        """Vehicles in the air that only we hear: obstacles for the others."""
+        """Vehicles that only we hear: obstacles for the others while they fly, and no more once they are down."""
         return tuple(
             TrafficVehicle(
                 vehicle.source.system,
                 vehicle.position_ned_m,
                 vehicle.velocity_ned_mps,
                 vehicle.position_age_s(now_s),
+                vehicle.airborne(now_s),
             )
             for vehicle in self._heard()
             if not self.fleet.agent_live(vehicle.source.system, now_s)
             and vehicle.position_ned_m is not None
             and vehicle.velocity_ned_mps is not None
             and vehicle.position_age_s(now_s) <= TRAFFIC_POSITION_MAX_AGE_S
-            and vehicle.airborne(now_s)
         )
 
     def _report(self, now_s: float) -> GroundReport:

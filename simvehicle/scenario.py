@@ -15,7 +15,6 @@ import numpy as np
 
 from flightstack import topics
 from flightstack.agent import Agent, Inputs, Outputs, PeerMessage
-from flightstack.belief import RECEIVED_BY_DRONES
 from flightstack.config import DroneConfig
 from flightstack.sensing import PortInput
 from flightstack.transport.memory import MemoryRadio, MemoryTransport
@@ -46,9 +45,11 @@ class Member:
 
 
 class Scenario:
-    """Steps vehicles, radio and agents together; `states`, `events` and `outcomes` are what a ground station hears."""
+    """Steps vehicles, radio and agents together; `states`, `events`, `outcomes` are what a ground station hears."""
 
-    def __init__(self, drones: Sequence[DroneConfig], fleet: FleetConfig, radio: MemoryRadio | None = None) -> None:
+    def __init__(
+        self, drones: Sequence[DroneConfig], fleet: FleetConfig, radio: MemoryRadio | None = None
+    ) -> None:
         self.now_s = 0.0
         self.world = make_world(fleet)
         self.radio = radio or MemoryRadio(seed=fleet.seed)
@@ -72,6 +73,7 @@ class Scenario:
                 for index, i in enumerate(spec.instruments)
             }
             vehicle = SimulatedVehicle(spec, fleet, self.world, seed=fleet.seed)
+            self.radio.place(config.drone, vehicle.position_ned_m)
             self.members[config.drone] = Member(
                 config,
                 vehicle,
@@ -123,6 +125,8 @@ class Scenario:
         self.now_s += TICK_S
         for member in self.members.values():
             member.vehicle.step(self.now_s)
+        for drone, member in self.members.items():
+            self.radio.place(drone, member.vehicle.position_ned_m)
         self.radio.step(self.now_s)
         for member in self.members.values():
             if member.alive:
@@ -187,6 +191,3 @@ class Scenario:
             self.first_takeoff_s = self.now_s
         for a, b in itertools.combinations(flying, 2):
             self.min_separation_m = min(self.min_separation_m, math.dist(a, b))
-
-
-HEARD = RECEIVED_BY_DRONES

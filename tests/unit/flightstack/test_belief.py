@@ -108,3 +108,12 @@ def test_the_ground_is_heard(belief: Belief) -> None:
     beat = GroundBeat("ground", 1)
     belief.update(10.0, [Received(topics.GROUND, "ground", topics.GROUND.codec.encode(beat))])
     assert belief.ground_heard_s == 10.0
+
+
+def test_an_orphan_that_has_landed_is_no_obstacle(belief: Belief) -> None:
+    belief.update(10.0, [said(STATE)])
+    down = TrafficVehicle(2, (40.0, 2.0, 0.0), (0.0, 0.0, 0.0), 0.2, airborne=False)
+    traffic = Traffic("ground", FRAME.identity, (down,))
+    belief.update(20.0, [Received(topics.TRAFFIC, "ground", topics.TRAFFIC.codec.encode(traffic))])
+    (neighbour,) = belief.neighbours(20.0)
+    assert not neighbour.airborne

@@ -1,0 +1,215 @@
+"""Whole surveys in one process, on simulated time, under faults. The same agents and bytes as in flight."""
+
+from __future__ import annotations
+
+import math
+import pathlib
+
+import msgspec
+import pytest
+
+from flightstack.agent import Agent, Inputs, Outputs
+from flightstack.config import DroneConfig
+from flightstack.runner import fingerprint
+from flightstack.transport.memory import Conditions, MemoryRadio
+from flightstack.wire import CommandName, Phase, Result
+from mission.geofence import LocalFence
+from simvehicle.launch import plan
+from simvehicle.scenario import Scenario
+from simvehicle.survey import load
+
+SURVEY = """
+name: scenario
+origin: {latitude_deg: 38.4040, longitude_deg: 14.9630, amsl_m: 300.0}
+launch_line: {count: COUNT, flavour: FLAVOUR, spacing_m: 6.0, towards_deg: 50.0}
+formation: {spacing_m: 10.0, radio_range_m: 80.0}
+limits: {ceiling_above_home_m: 60.0}
+geofence:
+  inclusion:
+    - [[38.4053, 14.9613], [38.4053, 14.9647], [38.4027, 14.9647], [38.4027, 14.9613]]
+strategy: {name: locus, parameters: {step_m: 4.0, search_radius_m: 100.0}}
+wind: {speed_mps: 3.0, from_deg: 320.0}
+plume: {type: gaussian, source_north_m: 20.0, source_east_m: -45.0, vent_sd_m: 4.0, emission_kgps: 2.5}
+ready_after_s: 8
+seed: SEED
+"""
+
+
+def scenario(
+    directory: pathlib.Path,
+    *,
+    count: int = 5,
+    flavour: str = "ardupilot",
+    seed: int = 1,
+    radio: MemoryRadio | None = None,
+) -> Scenario:
+    file = directory / "survey.yaml"
+    text = SURVEY.replace("COUNT", str(count)).replace("FLAVOUR", flavour).replace("SEED", str(seed))
+    file.write_text(text, encoding="utf-8")
+    drafted = plan(load(file), directory)
+    flight = Scenario(drafted.drones, drafted.fleet, radio)
+    flight.run(2.0)
+    flight.command(CommandName.START)
+    assert flight.run_until(lambda: flight.first_takeoff_s is not None, 60.0)
+    return flight
+
+
+def all_landed(flight: Scenario) -> bool:
+    return flight.phases() <= {Phase.LANDED}
+
+
+def assert_found(flight: Scenario, limit_s: float = 900.0) -> None:
+    """The flight ends with everybody down, the source found within 5 m, nobody too near, nobody over the fence."""
+    assert flight.run_until(lambda: all_landed(flight), limit_s), flight.phases()
+    assert flight.source_ned_m is not None
+    assert math.dist(flight.source_ned_m[:2], flight.world.plume.source_ned_m[:2]) < 5.0
+    assert flight.min_separation_m > 4.0
+
+
+def fence_of(flight: Scenario) -> LocalFence:
+    config = next(iter(flight.members.values())).config
+    assert config.geofence is not None
+    return LocalFence(flight.world.frame, config.geofence)
+
+
+@pytest.mark.parametrize("flavour", ["ardupilot", "px4"])
+def test_five_drones_find_the_source_and_land_at_home(tmp_path: pathlib.Path, flavour: str) -> None:
+    flight = scenario(tmp_path, flavour=flavour)
+    fence = fence_of(flight)
+    inside = True
+
+    def landed() -> bool:
+        nonlocal inside
+        for member in flight.members.values():
+            inside = inside and fence.contains(*member.vehicle.position_ned_m[:2])
+        return all_landed(flight)
+
+    assert flight.run_until(landed, 900.0)
+    assert inside
+    assert_found(flight, 1.0)
+    for state in flight.states.values():
+        assert state.position_ned_m is not None
+        assert state.home_ned_m is not None
+        assert math.dist(state.position_ned_m[:2], state.home_ned_m[:2]) < 2.0
+
+
+@pytest.mark.parametrize("victim", [1, 3, 5])
+def test_an_agent_killed_in_flight_is_healed_around(tmp_path: pathlib.Path, victim: int) -> None:
+    flight = scenario(tmp_path, seed=victim)
+    flight.run(40.0)
+    flight.kill(victim)
+    orphan = flight.members[victim].vehicle
+    flight.run(10.0)
+    assert math.hypot(*orphan.velocity_ned_mps) < 0.5  # without its agent the vehicle stops and hovers
+    assert orphan.airborne
+    assert victim not in flight.trees[2 if victim == 1 else 1].slots
+    assert_found(flight)
+    assert max(tree.heals for tree in flight.trees.values()) == 1
+
+
+def test_two_members_lost_at_once_and_a_third_later(tmp_path: pathlib.Path) -> None:
+    flight = scenario(tmp_path, seed=7)
+    flight.run(45.0)
+    flight.kill(1)
+    flight.kill(2)
+    flight.run(60.0)
+    flight.kill(3)
+    assert_found(flight, 1200.0)
+
+
+def test_a_radio_that_loses_a_third_of_everything(tmp_path: pathlib.Path) -> None:
+    radio = MemoryRadio(
+        seed=3, conditions=Conditions(loss=0.33, delay_s=0.05, jitter_s=0.05, duplication=0.1)
+    )
+    assert_found(scenario(tmp_path, seed=3, radio=radio))
+
+
+def test_an_unplugged_co2_instrument_leaves_the_others_tracking(tmp_path: pathlib.Path) -> None:
+    flight = scenario(tmp_path, seed=4)
+    flight.run(40.0)
+    flight.unplug(2, "co2")
+    flight.run(20.0)
+    assert any("unplugged" in note for note in flight.states[2].notes), flight.states[2].notes
+    assert flight.states[2].excess_co2_ppm is None
+    assert_found(flight)
+
+
+def test_a_pilots_mode_switch_ends_our_authority_and_the_swarm_goes_on(tmp_path: pathlib.Path) -> None:
+    flight = scenario(tmp_path, seed=5)
+    flight.run(45.0)
+    pilot = flight.members[4]
+    pilot.vehicle.autopilot.set_mode(5)  # LOITER, as by the remote control's switch
+    sent: list[bytes] = []
+    flight.tap = lambda drone, _now, _inputs, outputs: sent.append(outputs.autopilot) if drone == 4 else None
+    flight.run(5.0)
+    assert pilot.agent.phase.phase is Phase.PILOT
+    assert 4 not in flight.trees[1].slots
+    assert pilot.vehicle.mode == "LOITER"
+    assert b"\x54\x00\x00" not in b"".join(sent[10:])  # SET_POSITION_TARGET_LOCAL_NED is message 84
+    flight.command(CommandName.RTL, 4)
+    assert_found(flight)
+
+
+def test_pause_holds_everybody_and_resume_goes_on(tmp_path: pathlib.Path) -> None:
+    flight = scenario(tmp_path, seed=6)
+    flight.run(45.0)
+    pause = flight.command(CommandName.PAUSE)
+    flight.run(8.0)
+    assert flight.phases() == {Phase.HOLDING}
+    still = {d: m.vehicle.position_ned_m for d, m in flight.members.items()}
+    flight.run(15.0)
+    for drone, member in flight.members.items():
+        assert math.dist(member.vehicle.position_ned_m, still[drone]) < 1.0
+    assert {o.result for o in flight.outcomes if o.command == pause} == {Result.ACCEPTED}
+    flight.command(CommandName.RESUME)
+    assert_found(flight)
+
+
+@pytest.mark.parametrize("name", [CommandName.ABORT, CommandName.RTL, CommandName.LAND])
+def test_commands_that_end_a_survey_bring_everybody_down(tmp_path: pathlib.Path, name: CommandName) -> None:
+    flight = scenario(tmp_path, seed=8)
+    flight.run(50.0)
+    flight.command(name)
+    assert flight.run_until(lambda: all_landed(flight), 200.0), flight.phases()
+    assert flight.min_separation_m > 4.0
+    if name is not CommandName.LAND:
+        for state in flight.states.values():
+            assert state.position_ned_m is not None
+            assert state.home_ned_m is not None
+            assert math.dist(state.position_ned_m[:2], state.home_ned_m[:2]) < 2.0
+
+
+def test_a_weak_battery_announces_its_own_loss(tmp_path: pathlib.Path) -> None:
+    flight = scenario(tmp_path, seed=9)
+    flight.run(45.0)
+    flight.members[5].vehicle.autopilot.battery.drop_to(0.2)
+    assert flight.run_until(lambda: 5 not in flight.trees[1].slots, 15.0)
+    assert_found(flight)
+
+
+def test_the_same_inputs_give_the_same_outputs(tmp_path: pathlib.Path) -> None:
+    """A recorded flight replays byte for byte: the root's and a leaf's, through a heal."""
+    flight = scenario(tmp_path, seed=10)
+    configs: dict[int, DroneConfig] = {d: m.config for d, m in flight.members.items()}
+    again = scenario(tmp_path, seed=10)
+    flown: dict[int, list[tuple[float, Inputs, int]]] = {1: [], 4: []}
+
+    def tap(drone: int, now_s: float, inputs: Inputs, outputs: Outputs) -> None:
+        if drone in flown:
+            flown[drone].append((now_s, inputs, fingerprint(outputs)))
+
+    fresh = Scenario(
+        list(configs.values()), plan(load(tmp_path / "survey.yaml"), tmp_path).fleet, MemoryRadio(seed=10)
+    )
+    fresh.tap = tap
+    fresh.run(2.0)
+    fresh.command(CommandName.START)
+    fresh.run(60.0)
+    fresh.kill(3)
+    fresh.run(40.0)
+    for drone, ticks in flown.items():
+        agent = Agent(configs[drone], incarnation=drone)
+        for now_s, inputs, crc in ticks:
+            packed = msgspec.msgpack.decode(msgspec.msgpack.encode(inputs), type=Inputs)
+            assert fingerprint(agent.step(now_s, packed)) == crc, f"drone {drone} at {now_s:.1f} s"
+    assert again.states.keys() == flight.states.keys()
