@@ -41,13 +41,20 @@ class NodeProcess:
         )
         self.said: collections.deque[dict[str, list[str]]] = collections.deque(maxlen=10)
         self.ticks = 0
+        self.longest_silence: collections.Counter[str] = collections.Counter()
+        """By peer: how many ticks in a row it was not heard."""
+        self._silence: collections.Counter[str] = collections.Counter()
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
     def _read(self) -> None:
         assert self._process.stdout is not None
         for line in self._process.stdout:
-            self.said.append(json.loads(line))
+            said = json.loads(line)
+            for name in {*self._silence, *said["heard"]}:
+                self._silence[name] = 0 if name in said["heard"] else self._silence[name] + 1
+                self.longest_silence[name] = max(self.longest_silence[name], self._silence[name])
+            self.said.append(said)
             self.ticks += 1
 
     def hears(self, names: set[str]) -> bool:
