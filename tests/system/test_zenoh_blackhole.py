@@ -1,4 +1,4 @@
-"""A node that vanishes without a word, on network stacks of their own: the others must go on hearing each other."""
+"""Nodes that vanish without a word, on network stacks of their own: the others must go on hearing each other."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def namespaces_work() -> bool:
 
 @pytest.mark.system
 @pytest.mark.optional
-def test_a_vanished_node_is_missed_silences_nobody_and_comes_back():
+def test_vanished_nodes_are_missed_silence_nobody_and_come_back():
     if not namespaces_work():
         pytest.skip("needs unshare, iproute2 and the right to make network namespaces")
     done = subprocess.run(

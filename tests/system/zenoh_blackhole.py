@@ -1,4 +1,4 @@
-"""Three nodes on three network stacks, one of which vanishes without a word, as a drone does behind a crater wall.
+"""Six nodes on six network stacks, four of which vanish without a word, as drones do behind a crater wall.
 
 Runs in a user and network namespace of its own (`unshare --map-root-user --net`); prints one JSON object.
 """
@@ -12,7 +12,9 @@ import pathlib
 import subprocess
 import sys
 
-ADDRESSES = ["10.99.0.1", "10.99.0.2", "10.99.0.3"]
+ADDRESSES = [f"10.99.0.{n}" for n in range(1, 7)]
+STAY = 2
+"""So many stay; the others, more than zenoh has receiving threads, vanish together."""
 HERE = pathlib.Path(__file__)
 
 spec = importlib.util.spec_from_file_location("mesh", HERE.with_name("test_zenoh_mesh.py"))
@@ -52,14 +54,18 @@ def main() -> None:
             nodes.append(mesh.NodeProcess(str(n), endpoints[n - 1], endpoints, wrap))
             stack.callback(nodes[-1].end)
         mesh.until(lambda: mesh.whole_mesh(nodes), "everybody hears everybody")
-        ip("link", "set", "air3", "down")
+        for n in range(STAY + 1, len(ADDRESSES) + 1):
+            ip("link", "set", f"air{n}", "down")
         gone_at = [node.ticks for node in nodes]
         # 15 s of ticks: longer than the 10 s for which zenoh would let the closing connection linger.
-        mesh.until(lambda: all(n.ticks > t + 300 for n, t in zip(nodes, gone_at, strict=True)), "time passes")
+        mesh.until(
+            lambda: all(n.ticks > t + 300 for n, t in zip(nodes[:STAY], gone_at, strict=False)), "time passes"
+        )
         silence = [nodes[0].longest_silence["2"], nodes[1].longest_silence["1"]]
-        missed = [node.alive() for node in nodes[:2]] == [{"2"}, {"1"}]
-        ip("link", "set", "air3", "up")
-        mesh.until(lambda: mesh.whole_mesh(nodes), "the lost one is back")
+        missed = [node.alive() for node in nodes[:STAY]] == [{"2"}, {"1"}]
+        for n in range(STAY + 1, len(ADDRESSES) + 1):
+            ip("link", "set", f"air{n}", "up")
+        mesh.until(lambda: mesh.whole_mesh(nodes), "the lost ones are back")
     sys.stdout.write(json.dumps({"silence_ticks": silence, "missed": missed}) + "\n")
 
 
