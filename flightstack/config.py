@@ -28,7 +28,8 @@ class SwarmConfig(Section, frozen=True, kw_only=True):
     listen: tuple[str, ...] = ()
     """zenoh endpoints that this node listens on: "tcp/10.0.0.3:7447"."""
     connect: tuple[str, ...] = ()
-    """zenoh endpoints of peers or the ground station to connect to; unreachable ones are tried again."""
+    """zenoh endpoints to connect to, for ever. Best is one list of all nodes', ground stations included, the same on
+    every node: each pair then has one connection that is made again whatever happens (docs/decisions/0002)."""
     tls: TlsConfig | None = None
 
 
