@@ -26,7 +26,7 @@ FILE = pathlib.Path(__file__).with_name("fly_standin.py")
 SURVEY = """
 name: stand-in
 origin: {latitude_deg: 38.4040, longitude_deg: 14.9630, amsl_m: 300.0}
-launch_line: {count: 3, spacing_m: 10.0}
+launch_line: {count: 3, spacing_m: 10.0, east_m: 20.0}
 formation: {radio_range_m: 60.0}
 plume: {type: gaussian, source_north_m: 30.0, source_east_m: -85.0}
 speedup: 20.0
@@ -80,7 +80,7 @@ def test_a_survey_from_start_to_report(survey_file: pathlib.Path, tmp_path: path
     assert got.source_error_m == pytest.approx(1.12, abs=0.01)
     assert got.min_separation_m is not None
     assert 5.0 < got.min_separation_m <= 10.01
-    assert all(drone.home_distance_m == pytest.approx(0.0, abs=11.0) for drone in got.per_drone)
+    assert all(drone.home_distance_m == pytest.approx(0.0, abs=0.01) for drone in got.per_drone)
     assert json.loads((flown.directory / "summary.json").read_text())["outcome"] == "source_found"
     assert "Source found" in write_report(survey, flown).read_text(encoding="utf-8")
     assert {f"{name}.log" for name in ("vehicles", "ground", "drone-1", "drone-2", "drone-3")} <= {
