@@ -1,4 +1,4 @@
-"""A simulated autopilot: its vehicle, its estimate, what it is doing, and the hooks in which the two flavours differ.
+"""A simulated autopilot: its vehicle, its estimate, what it is doing, and what it answers.
 
 Sans-IO and deterministic: time comes in by `step`, bytes by `receive`, bytes leave by `drain`. Physics and protocol
 run on a fixed grid of 50 Hz whatever the steps are.
@@ -6,27 +6,27 @@ run on a fixed grid of 50 Hz whatever the steps are.
 
 from __future__ import annotations
 
-import abc
 import math
-from typing import Any, ClassVar, Literal
+from typing import Any
 
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from mission.frames import Geodetic, Vector3
 from simvehicle.autopilot import streams
-from simvehicle.autopilot.channel import Channel, Peer
-from simvehicle.autopilot.commands import Command, CommandServer
-from simvehicle.autopilot.control import Limits, Motion, PositionController
+from simvehicle.autopilot.channel import Channel
+from simvehicle.autopilot.commands import CommandServer
+from simvehicle.autopilot.control import Motion, PositionController
 from simvehicle.autopilot.estimator import Estimator
 from simvehicle.autopilot.fences import Area, FenceError, areas_of
+from simvehicle.autopilot.flavour import Flavour
 from simvehicle.autopilot.inbox import Inbox
 from simvehicle.autopilot.maneuvers import Idle, Land, Maneuver, Navigation, Return, TakeOff
 from simvehicle.autopilot.mission_run import ACTIONS, NAVIGATION, MissionRun, Surroundings, Told
 from simvehicle.autopilot.missions import FENCE, MISSION, RALLY, Item, ListRules, MissionServer
 from simvehicle.autopilot.parameters import Parameters, ParameterServer
 from simvehicle.config import FleetConfig, VehicleSpec
-from simvehicle.dynamics import GRAVITY_MPS2, Battery, Multirotor
+from simvehicle.dynamics import GRAVITY_MPS2, Multirotor
 from simvehicle.world import World
 
 TICK_S = 0.02
@@ -52,13 +52,8 @@ _LANDED_AFTER_S = 1.7
 """From touching the ground to being sure of it; as recorded."""
 
 
-class Autopilot(abc.ABC):
+class Autopilot(Flavour):
     """What both flavours have in common."""
-
-    flavour: ClassVar[Literal["ardupilot", "px4"]]
-    mav_autopilot: ClassVar[int]
-    gps_fix_type: ClassVar[int]
-    vtol_state: ClassVar[int]
 
     def __init__(self, spec: VehicleSpec, fleet: FleetConfig, world: World, seed: int) -> None:
         self.system = spec.id
@@ -107,132 +102,12 @@ class Autopilot(abc.ABC):
         self._text_id = 0
         self._heartbeat_due_s = 0.0
 
-    # -- what the flavours say -----------------------------------------------------------------------------
-
-    @property
-    @abc.abstractmethod
-    def system_parameter(self) -> str:
-        """The parameter that holds the system id."""
-
-    @property
-    @abc.abstractmethod
-    def custom_mode(self) -> int: ...
-
-    @abc.abstractmethod
-    def base_mode(self) -> int: ...
-
-    @abc.abstractmethod
-    def new_limits(self) -> Limits: ...
-
-    @abc.abstractmethod
-    def new_battery(self) -> Battery: ...
-
-    @abc.abstractmethod
-    def slow_step(self) -> None:
-        """Boot, failsafes, arming and mode logic; ten times a second."""
-
-    @abc.abstractmethod
-    def on_landed(self) -> None: ...
-
-    @abc.abstractmethod
-    def on_told(self, told: Told, sequence: int) -> None:
-        """The mission started, reached or finished an item."""
-
-    @abc.abstractmethod
-    def stored_item(self, kind: int, item: Item) -> Item: ...
-
-    @abc.abstractmethod
-    def read_item(self, kind: int, sequence: int, item: Item) -> Item: ...
-
-    @abc.abstractmethod
-    def on_list(self, kind: int, items: list[Item]) -> None:
-        """A list was replaced."""
-
-    @abc.abstractmethod
-    def on_list_progress(self, kind: int, count: int) -> None: ...
-
-    @abc.abstractmethod
-    def parameter_changed(self, name: str) -> None: ...
-
-    @abc.abstractmethod
-    def unknown_parameter(self, channel: Channel, peer: Peer, name: str) -> None: ...
-
-    @abc.abstractmethod
-    def setpoint(self, message: Any) -> None: ...
-
-    @abc.abstractmethod
-    def pilot(self, channels: list[int]) -> None:
-        """RC channels in microseconds (0: not given), from an override."""
-
-    @abc.abstractmethod
-    def command(self, command: Command) -> int | None:
-        """MAV_RESULT of a command that the flavours carry out differently; None for one that it does not know."""
-
-    @abc.abstractmethod
-    def back(self) -> Return:
-        """A new return-to-launch."""
-
-    @abc.abstractmethod
-    def health(self) -> tuple[int, int, int]:
-        """SYS_STATUS sensors present, enabled, healthy."""
-
-    @abc.abstractmethod
-    def estimator_flags(self) -> int:
-        """EKF_STATUS_REPORT's and ESTIMATOR_STATUS's flags, which share their first bits."""
-
-    @property
-    @abc.abstractmethod
-    def estimator_lost(self) -> bool:
-        """There is no horizontal position any more."""
-
-    @property
-    @abc.abstractmethod
-    def estimates_wind(self) -> bool: ...
-
-    @property
-    @abc.abstractmethod
-    def gps_detected(self) -> bool: ...
-
-    @property
-    @abc.abstractmethod
-    def idle_status(self) -> bool:
-        """HEARTBEAT says STANDBY while landed."""
-
-    @abc.abstractmethod
-    def landed_state(self) -> int: ...
-
-    @abc.abstractmethod
-    def mission_idle_state(self) -> int: ...
-
-    @abc.abstractmethod
-    def version(self) -> Any: ...
-
-    @abc.abstractmethod
-    def fence_status(self) -> Any | None: ...
-
-    @abc.abstractmethod
-    def on_parameter_list(self) -> None:
-        """Somebody asked for all parameters."""
-
-    @abc.abstractmethod
-    def takes_pilot(self, system: int) -> bool:
-        """Whether this system may move the sticks."""
-
-    @abc.abstractmethod
-    def first_streams(self) -> dict[int, float]:
-        """Message id -> interval (s) of what is sent without being asked for."""
-
     # -- what others ask ------------------------------------------------------------------------------------
 
     @property
     def time_s(self) -> float:
         """Time since power-up."""
         return 0.0 if self.now_s is None else self.now_s - self.boot_s
-
-    @property
-    @abc.abstractmethod
-    def ready(self) -> bool:
-        """The estimate is good enough to fly with."""
 
     @property
     def is_landing(self) -> bool:
@@ -363,10 +238,6 @@ class Autopilot(abc.ABC):
                 self.landed = True
                 self.on_landed()
 
-    @abc.abstractmethod
-    def on_touch(self, impact_mps: float) -> None:
-        """The vehicle touched the ground at this speed."""
-
     def _slow(self, now_s: float) -> None:
         if now_s >= self._heartbeat_due_s:
             self._heartbeat_due_s += 1.0
@@ -470,10 +341,6 @@ class Autopilot(abc.ABC):
                 self.maneuver = self.new_mission(*self.mission_rules())
         self.on_list(kind, items)
         return int(mavlink.MAV_MISSION_ACCEPTED)
-
-    @abc.abstractmethod
-    def mission_rules(self) -> tuple[int, float]:
-        """Sequence number of the first item to fly, and the radius (m) within which a waypoint is reached."""
 
     def set_mission_current(self, sequence: int) -> bool:
         if not 0 <= sequence < len(self.missions.lists[MISSION]):
