@@ -23,7 +23,7 @@ class WindConfig(Section, frozen=True, kw_only=True):
 
 
 class GaussianPlume(Section, frozen=True, kw_only=True, tag="gaussian", tag_field="type"):
-    """The physical plume: stack height, reflection at the ground, spread growing downwind from a vent of some width."""
+    """The physical plume: stack height, reflection at the ground, spread growing downwind from a vent."""
 
     source_north_m: float
     source_east_m: float
