@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import pathlib
 import secrets
+import socket
 from collections.abc import Sequence
 
 from flightstack.clock import WallClock
@@ -34,6 +35,8 @@ class Connection:
     alarms: AlarmLimits = dataclasses.field(default_factory=AlarmLimits)
     speedup: float = 1.0
     name: str = "ground"
+    station_listens: tuple[str, ...] = ()
+    """Endpoints of the running station on this machine: its network is ours."""
 
     def local_fence(self) -> LocalFence | None:
         if self.fence is None or self.frame is None:
@@ -51,7 +54,15 @@ class Connection:
         """Join the swarm. `TransportError` says what is wrong with the endpoints."""
         from flightstack.transport.zenoh_transport import ZenohTransport
 
-        return ZenohTransport(self.swarm, node, (), self.connect, RECEIVED, self.tls)
+        return ZenohTransport(self.swarm, node, self.listen(), self.connect, RECEIVED, self.tls)
+
+    def listen(self) -> tuple[str, ...]:
+        """Where this short-lived node can be reached, at ports that the system chooses.
+
+        It must listen: of two peers that learn of each other by gossip only one connects to the other.
+        """
+        own = [own_endpoint(endpoint) for endpoint in (self.station_listens or self.connect)]
+        return tuple(dict.fromkeys(endpoint for endpoint in own if endpoint is not None))
 
 
 def from_options(config: pathlib.Path | None, swarm: str | None, connect: Sequence[str]) -> Connection:
@@ -84,7 +95,31 @@ def from_config(config: GroundConfig, file: pathlib.Path, connect: Sequence[str]
         config.alarms,
         config.speedup,
         config.station,
+        config.swarm.listen,
     )
+
+
+def own_endpoint(endpoint: str) -> str | None:
+    """An endpoint of this machine, port chosen by the system, in the network that leads to `endpoint`.
+
+    None where no way leads there: what cannot be reached cannot connect to us either.
+    """
+    protocol, _, address = endpoint.partition("/")
+    host, _, port = address.partition("?")[0].partition("#")[0].rpartition(":")
+    host = host.strip("[]")
+    if host in ("0.0.0.0", "::"):  # noqa: S104 (the station's own choice, repeated)
+        return f"{protocol}/{_bracketed(host)}:0"
+    try:
+        family, _, _, _, target = socket.getaddrinfo(host, int(port), type=socket.SOCK_DGRAM)[0]
+        with socket.socket(family, socket.SOCK_DGRAM) as probe:
+            probe.connect(target)  # sends nothing: only asks the routing table
+            return f"{protocol}/{_bracketed(str(probe.getsockname()[0]))}:0"
+    except (OSError, ValueError):
+        return None
+
+
+def _bracketed(host: str) -> str:
+    return f"[{host}]" if ":" in host else host
 
 
 def reachable(endpoint: str) -> str:

@@ -136,7 +136,7 @@ def report(
     """What `gcs status` prints: everything, however long."""
     return Group(
         headline(swarm, rows, alarms, station),
-        fleet_table(rows, alarms),
+        *((fleet_table(rows, alarms),) if rows else ()),
         *(alarm_line(alarm, now_s) for alarm in alarms),
     )
 

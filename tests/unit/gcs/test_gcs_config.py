@@ -7,7 +7,7 @@ import pathlib
 import pytest
 
 from gcs.config import load
-from gcs.connection import from_options, reachable
+from gcs.connection import Connection, from_options, own_endpoint, reachable
 from gcs.errors import GroundError
 from mission.documents import DocumentError
 
@@ -107,3 +107,13 @@ def test_endpoints_to_connect_to():
     assert reachable("tcp/0.0.0.0:7447") == "tcp/127.0.0.1:7447"
     assert reachable("tls/[::]:7447") == "tls/[::1]:7447"
     assert reachable("tcp/10.1.2.3:7447") == "tcp/10.1.2.3:7447"
+
+
+def test_a_short_lived_node_can_be_reached_in_the_network_of_the_swarm(written):
+    assert own_endpoint("tcp/127.0.0.1:7447") == "tcp/127.0.0.1:0"
+    assert own_endpoint("tcp/0.0.0.0:7447") == "tcp/0.0.0.0:0"
+    assert own_endpoint("tls/[::]:7447") == "tls/[::]:0"
+    assert own_endpoint("nonsense") is None
+    assert from_options(written(GOOD), None, []).listen() == ("tcp/0.0.0.0:0",)
+    several = Connection("etna", (), ("tcp/127.0.0.1:1", "tcp/127.0.0.1:2"))
+    assert several.listen() == ("tcp/127.0.0.1:0",)
