@@ -223,5 +223,6 @@ class Codec(Generic[T]):
             )
         try:
             return self._decoder.decode(memoryview(data)[1:])
-        except msgspec.MsgspecError as error:
+        # Text that is not UTF-8, or arrays nested thousands deep, are not errors of msgspec's own.
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
             raise WireError(f"not a {self.kind.__name__}: {error}") from error

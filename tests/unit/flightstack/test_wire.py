@@ -100,6 +100,21 @@ def test_a_message_cut_short_is_a_wire_error(message, data):
         codec.decode(encoded[: data.draw(st.integers(0, len(encoded) - 1))])
 
 
+@pytest.mark.parametrize(
+    ("kind", "body"),
+    [
+        (Command, b"\x94\xa2\xff\xfe\xa1a\x00\xa5start"),  # text that is not UTF-8
+        (
+            Outcome,
+            b"\x95\xa1a\x01\xa8accepted\xa0" + b"\x91" * 100_000,
+        ),  # a field from the future, nested deep
+    ],
+)
+def test_damage_that_is_no_error_of_the_codecs_own_is_a_wire_error(kind, body):
+    with pytest.raises(WireError, match=f"not a {kind.__name__}"):
+        Codec(kind).decode(bytes((VERSION,)) + body)
+
+
 def test_another_version_is_named():
     codec = Codec(Command)
     encoded = codec.encode(Command("a", "ground", 0, CommandName.START))
