@@ -72,19 +72,32 @@ def tune_co2(
         )
 
     def objective(numbers: Mapping[str, float]) -> float:
-        filter_ = Co2Filter(msgspec.structs.replace(start, instrument=None, **numbers))
+        # How lively the plume was is fitted along, and forgotten: a hood that is lifted and a flight through
+        # eddies differ in it, and taken wrong it would pass for lag.
+        lively = numbers["lively"]
+        config = msgspec.structs.replace(
+            start,
+            instrument=None,
+            lag_s=numbers["lag_s"],
+            noise_ppm=numbers["noise_ppm"],
+            plume_rate_ppmps=lively * start.plume_rate_ppmps,
+            rate_per_s=lively * start.rate_per_s,
+        )
+        filter_ = Co2Filter(config)
         for sample in readings:
             filter_.step(sample.time_s, (sample,))
         # A reading that the gate turned away counts as one just outside of it: refusing must not pay.
         return filter_.log_likelihood - 0.5 * filter_.refused * start.gate_sd**2
 
-    first = {"noise_ppm": start.noise_ppm, "lag_s": start.lag_s}
+    first = {"noise_ppm": start.noise_ppm, "lively": 1.0, "lag_s": start.lag_s}
     before = objective(first)
     best, log_likelihood = _climb(objective, first, rounds=2, progress=progress)
-    errors = {name: _uncertainty(objective, best, name, log_likelihood) for name in best}
+    fitted = {
+        n: Fitted(best[n], _uncertainty(objective, best, n, log_likelihood)) for n in ("lag_s", "noise_ppm")
+    }
     return Co2Tuning(
-        Fitted(best["lag_s"], errors["lag_s"]),
-        Fitted(best["noise_ppm"], errors["noise_ppm"]),
+        fitted["lag_s"],
+        fitted["noise_ppm"],
         len(readings),
         log_likelihood,
         before,
@@ -145,7 +158,7 @@ def _climb(
 ) -> tuple[dict[str, float], float]:
     """The largest objective, one number after the other, along its logarithm."""
     best, value = dict(first), -math.inf
-    spans = dict.fromkeys(best, math.log(8.0))
+    spans = dict.fromkeys(best, math.log(12.0))
     done, steps = 0, rounds * len(best)
     for _ in range(rounds):
         for name in best:
