@@ -82,6 +82,7 @@ class ZenohTransport:
         )
         self._token = liveliness.declare_token(f"flightstack/{swarm}/alive/{self.node}")
         self._outbox = _Outbox()
+        self._failing: set[str] = set()
 
     def publish(self, topic: Topic, payload: bytes) -> None:
         if self._closed:
@@ -92,7 +93,7 @@ class ZenohTransport:
         if topic.delivery is Delivery.RELIABLE:
             self._outbox.put(publisher, payload)
         else:
-            publisher.put(payload)
+            self._put(topic, publisher, payload)
 
     def receive(self) -> list[Received]:
         if self._closed:
@@ -129,6 +130,17 @@ class ZenohTransport:
         self._closed = True
         self._outbox.close()
         _within(_CLOSE_WITHIN_S, self._session.close, "leaving the swarm's network")
+
+    def _put(self, topic: Topic, publisher: zenoh.Publisher, payload: bytes) -> None:
+        """Send at once. A network that fails must not end a flight: it is told once and the drone flies on."""
+        try:
+            publisher.put(payload)
+        except zenoh.ZError as error:
+            if topic.name not in self._failing:
+                self._failing.add(topic.name)
+                log.error("%s messages cannot be sent: %s", topic.name, _reason(error))
+        else:
+            self._failing.discard(topic.name)
 
     def _subscribe(self, topic: Topic) -> Any:
         # Ring buffers, because a full FIFO stops zenoh's own thread and with it all other topics; polled, because

@@ -193,6 +193,17 @@ def test_reliable_messages_beyond_the_outbox_are_counted_as_lost_in_the_log(capl
     transport.close()
 
 
+def test_a_network_that_fails_is_told_once_and_raises_nothing(caplog):
+    transport = ZenohTransport("s", 1, (), (), ())
+    transport.publish(STATE, b"x")
+    transport._session.close()  # as if zenoh had given up
+    with caplog.at_level(logging.ERROR):
+        for _ in range(3):
+            transport.publish(STATE, b"x")
+    assert [r.getMessage().startswith("state messages cannot be sent: ") for r in caplog.records] == [True]
+    transport.close()
+
+
 def test_trimming_keeps_order_all_reliable_and_the_newest_of_the_rest():
     messages = [Received(STATE, "1", b"%d" % n) for n in range(10)]
     messages.insert(0, Received(EVENT, "1", b"first"))
