@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 
 _COLOURS = {"locus": "#6a3d9a", "mobs": "#e66100", "locus-hybrid": "#1b7837", "locus-multi": "#2166ac"}
 _NAMES = {"locus": "LoCUS", "mobs": "MoBS", "locus-hybrid": "hybrid", "locus-multi": "sub-swarms"}
-_STYLE = {"axes.spines.top": False, "axes.spines.right": False, "font.size": 10}
+_STYLE: Any = {"axes.spines.top": False, "axes.spines.right": False, "font.size": 10}
 
 
 def bars(summaries: list[dict[str, Any]], title: str) -> Figure:
@@ -36,7 +36,12 @@ def bars(summaries: list[dict[str, Any]], title: str) -> Figure:
             contact, source = (one["contact_s_mean"] or 0.0) / 60.0, one["source_s_mean"] / 60.0
             colour = _COLOURS[one["strategy"]]
             hatch = "//" if one["plume"] in ("perturbed", "gusty") else None
-            bar = {"width": 0.92 * width, "edgecolor": "white", "linewidth": 0.5, "hatch": hatch}
+            bar: dict[str, Any] = {
+                "width": 0.92 * width,
+                "edgecolor": "white",
+                "linewidth": 0.5,
+                "hatch": hatch,
+            }
             axes.bar(x, contact, color=colour, alpha=0.45, **bar)
             axes.bar(x, source - contact, bottom=contact, color=colour, **bar)
             deviation = (one["source_s_sd"] or 0.0) / 60.0

@@ -61,6 +61,12 @@ def _cache_directory() -> pathlib.Path:
     return (pathlib.Path(base) if base else pathlib.Path.home() / ".cache") / "flightstack" / ENGINE
 
 
+def needs_compiling() -> bool:
+    """Whether nothing has been compiled yet for these sources."""
+    directory = pathlib.Path(str(numba.config.CACHE_DIR))  # type: ignore[attr-defined]
+    return not any(directory.rglob("*.nbi"))
+
+
 if not os.environ.get("NUMBA_CACHE_DIR"):
     numba.config.CACHE_DIR = str(_cache_directory())  # type: ignore[attr-defined]
 

@@ -175,6 +175,7 @@ def _hybrid(
     caller = drones.tally[CONTACT_DRONE]
     prepare_drones(drones, 0, setup, seed, trial)
     drones.tally[CONTACT] = NEVER
+    drones.tally[LEGS] = 0
     _mobs_all(scene, drones, setup, seed, trial, contact, False)
     drones.tally[CONTACT] = contact
     drones.tally[CONTACT_DRONE] = caller

@@ -32,10 +32,24 @@ NEVER = 1 << 60
 ORIGIN_X, ORIGIN_Y, SUCCESS_M, IN_PLUME_RATE, IN_PLUME_DRAWS, ARENA_M, WORLD_NUMBERS = range(7)
 
 # Places in the tally of a trial, all whole numbers; NEVER where a tick is not reached.
-NOW, LIMIT, CONTACT, CONTACT_DRONE, SUCCESS, HEALS, MOVES, HEAL_TICKS, WAYPOINTS, LEGS, TALLY = range(11)
+(
+    NOW,
+    LIMIT,
+    CONTACT,
+    CONTACT_DRONE,
+    SUCCESS,
+    HEALS,
+    MOVES,
+    HEAL_TICKS,
+    WAYPOINTS,
+    LEGS,
+    HEALING_NOW,
+    TALLY,
+) = range(12)
 
-# Places in a recorded leg: drone, first tick, ticks, target, then the motion state at its beginning.
-LEG_DRONE, LEG_START, LEG_TICKS, LEG_X, LEG_Y, LEG_ROW = range(6)
+# Places in a recorded leg: drone, first tick, ticks, target, 1 where it is an heir's on its way to another slot,
+# then the motion state at its beginning.
+LEG_DRONE, LEG_START, LEG_TICKS, LEG_X, LEG_Y, LEG_HEIR, LEG_ROW = range(7)
 LEG = LEG_ROW + ROW
 
 # Places in what `walk` finds.
@@ -178,7 +192,7 @@ def walk(
 
 
 @kernel
-def record(drones: Drones, drone: int, label: int, start_tick: int, ticks: int) -> None:
+def record(drones: Drones, drone: int, label: int, start_tick: int, ticks: int, heir: int) -> None:
     """Note a leg that begins in the drone's present state, if there is room."""
     at = drones.tally[LEGS]
     if at < drones.legs.shape[0]:
@@ -188,6 +202,7 @@ def record(drones: Drones, drone: int, label: int, start_tick: int, ticks: int) 
         leg[LEG_TICKS] = ticks
         leg[LEG_X] = drones.targets[drone, 0]
         leg[LEG_Y] = drones.targets[drone, 1]
+        leg[LEG_HEIR] = heir
         copy_row(drones.rows[drone], leg[LEG_ROW:])
         drones.tally[LEGS] = at + 1
 
@@ -314,7 +329,7 @@ def fly_leg(scene: Scene, drones: Drones, labels: IntArray, required: IntArray, 
     for i in range(count):
         if drones.alive[i] == 1:
             ticks = min(end, drones.ends[i])
-            record(drones, i, labels[i], now, ticks)
+            record(drones, i, labels[i], now, ticks, tally[HEALING_NOW] * required[i])
             fly(scene.motion, drones.rows[i], drones.targets[i, 0], drones.targets[i, 1], ticks, scene.powers)
             if drones.ends[i] <= end:
                 freeze(drones.rows[i])

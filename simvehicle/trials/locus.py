@@ -16,6 +16,7 @@ from simvehicle.trials.compiled import kernel
 from simvehicle.trials.flight import (
     ARENA_M,
     HEAL_TICKS,
+    HEALING_NOW,
     HEALS,
     LIMIT,
     LIMIT_FACTOR,
@@ -109,6 +110,7 @@ def _heal(
     Drones that fail meanwhile are found between two flights. Returns whether the trial goes on.
     """
     begin = drones.tally[NOW]
+    drones.tally[HEALING_NOW] = 1
     moved = False
     while True:
         for slot in range(holder.shape[0]):
@@ -136,6 +138,7 @@ def _heal(
             holder[source] = -1
             holder[target] = drone
             drones.tally[MOVES] += 1
+    drones.tally[HEALING_NOW] = 0
     members = 0
     _clear(required)
     for slot in range(holder.shape[0]):

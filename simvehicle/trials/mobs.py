@@ -79,7 +79,7 @@ def fly_mobs(
                     ticks = drones.found[FIRST_CONTACT]
             success = drones.found[FIRST_SUCCESS]
         ticks = min(ticks, failure, success)
-        record(drones, drone, label, now, ticks)
+        record(drones, drone, label, now, ticks, 0)
         fly(scene.motion, row, tx, ty, ticks, scene.powers)
         now += ticks
         if success <= ticks:
