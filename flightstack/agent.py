@@ -47,6 +47,9 @@ from sensors.wind_filter import VehicleMotion
 LANDING_HEIGHT_M = 4.0
 """Height over home at which the autopilot's own landing takes over."""
 
+STUCK_S = 60.0
+"""How long a returning drone may come no nearer to its home before it lands where it is."""
+
 TRANSFER_LIMIT_S = 60.0
 """How long the swarm waits for an heir on its way to the empty slot."""
 
@@ -114,6 +117,8 @@ class Agent:
         self._events = 0
         self._sent_s: dict[str, float] = {}
         self._battery_low_since_s: float | None = None
+        self._nearest_home: tuple[float, float] | None = None
+        """(how far, since when) while returning."""
 
     def step(self, now_s: float, inputs: Inputs) -> Outputs:
         """One tick. `now_s` is this drone's own time, seconds; it must not go back."""
@@ -265,8 +270,21 @@ class Agent:
             member=place.slot >= 0,
             at_slot=self._at_slot(vehicle),
             over_home=over_home,
+            stuck=self._stuck(now_s, position, home),
             must_return=self._must_return(now_s, vehicle),
         )
+
+    def _stuck(self, now_s: float, position: Vector3 | None, home: Vector3 | None) -> bool:
+        """Whether this drone is returning and has come no nearer to its home for a minute."""
+        if self.phase.phase is not Phase.RETURNING or position is None or home is None:
+            self._nearest_home = None
+            return False
+        distance_m = horizontal_m(position, home)
+        # The climb to the layer and the descent at home are progress too, though not horizontal.
+        way_m = distance_m if distance_m > CORRIDOR_M else home[2] - position[2] - 1000.0
+        if self._nearest_home is None or way_m < self._nearest_home[0] - 0.5:
+            self._nearest_home = (way_m, now_s)
+        return now_s - self._nearest_home[1] > STUCK_S
 
     def _must_return(self, now_s: float, vehicle: VehicleReport) -> str:
         limits = self.config.limits

@@ -32,7 +32,7 @@ REACTION_S = 0.3
 AGEING_MPS = 0.5
 """How fast the room around a silent neighbour grows with the age of what it last said."""
 
-AGEING_LIMIT_M = 2.0
+AGEING_LIMIT_M = 1.0
 
 STATION_M = 0.5
 """Nearer than this to an unopposed target, the autopilot's own position controller keeps the station."""

@@ -16,7 +16,7 @@ from flightstack.wire import Command, CommandName, Outcome, Phase, Result, Sever
 from mission.observation import Order, Stage
 
 AFTER: dict[Phase, frozenset[Phase]] = {
-    Phase.DISARMED: frozenset({Phase.ARMING}),
+    Phase.DISARMED: frozenset({Phase.ARMING, Phase.RETURNING, Phase.LANDING}),
     Phase.ARMING: frozenset({Phase.TAKEOFF, Phase.DISARMED, Phase.PILOT}),
     Phase.TAKEOFF: frozenset({Phase.FORMING, Phase.RETURNING, Phase.LANDING, Phase.LANDED, Phase.PILOT}),
     Phase.FORMING: frozenset(
@@ -81,6 +81,8 @@ class SwarmFacts(msgspec.Struct, frozen=True):
     at_slot: bool
     over_home: bool
     """Above its own home and low enough for the autopilot's landing."""
+    stuck: bool
+    """Returning, and no nearer to home for long: something is in the way that does not move."""
     must_return: str
     """Why this drone cannot go on (battery, sensor, ground station lost), empty if it can."""
 
@@ -219,6 +221,14 @@ class FlightPhase:
                     self._change(now_s, Phase.LANDED, "landed")
                 elif swarm.over_home:
                     self._change(now_s, Phase.LANDING, "over home")
+                elif swarm.stuck:
+                    self._change(
+                        now_s,
+                        Phase.LANDING,
+                        "the way home is blocked: landing here",
+                        Severity.WARNING,
+                        "blocked",
+                    )
             case Phase.LANDING | Phase.PILOT:
                 if not vehicle.armed and not vehicle.airborne:
                     self._change(now_s, Phase.LANDED, "landed")

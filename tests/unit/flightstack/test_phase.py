@@ -17,7 +17,7 @@ GROUND = VehicleFacts(
 )  # fmt: skip
 ARMED = msgspec.structs.replace(GROUND, armed=True, ours=True, mode="GUIDED")
 UP = msgspec.structs.replace(ARMED, airborne=True, at_takeoff_altitude=True)
-ALONE = SwarmFacts(order=None, member=True, at_slot=False, over_home=False, must_return="")
+ALONE = SwarmFacts(order=None, member=True, at_slot=False, over_home=False, stuck=False, must_return="")
 
 
 def order(stage: Stage) -> Order:
@@ -192,6 +192,24 @@ def test_a_drone_that_cannot_go_on_announces_it_by_returning(phase: Phase) -> No
     step = flight.step(UP, msgspec.structs.replace(ALONE, must_return="battery at 20 %"))
     assert step.phase is Phase.RETURNING
     assert any("battery" in note.text for note in step.notes)
+
+
+@pytest.mark.parametrize(
+    ("name", "phase"), [(CommandName.ABORT, Phase.RETURNING), (CommandName.LAND, Phase.LANDING)]
+)
+def test_an_agent_restarted_in_the_air_obeys_what_brings_its_drone_down(
+    name: CommandName, phase: Phase
+) -> None:
+    flight = Flight()
+    assert flight.step(UP).phase is Phase.DISARMED
+    assert flight.step(UP, ALONE, flight.command(CommandName.START)).outcomes[0].result is Result.REFUSED
+    assert flight.step(UP, ALONE, flight.command(name)).phase is phase
+
+
+def test_a_drone_whose_way_home_is_blocked_lands_where_it_is() -> None:
+    flight = Flight().to(Phase.RETURNING)
+    step = flight.step(UP, msgspec.structs.replace(ALONE, stuck=True))
+    assert (step.phase, step.asks) == (Phase.LANDING, (Ask.LAND,))
 
 
 def test_a_drone_that_the_swarm_has_counted_out_goes_home() -> None:
