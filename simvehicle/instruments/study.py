@@ -126,6 +126,9 @@ class WindFlight:
     truth_mps: Array
     estimate_mps: Array
     covariance_m2ps2: Array
+    raw_mps: Array
+    """The anemometer's last reading, turned to north and east, the drone's own motion still in it; NaN
+    without one."""
 
     @property
     def error_mps(self) -> float:
@@ -172,6 +175,7 @@ def fly_in_wind(
     filter_ = WindFilter(settings)
     pilot = _Wanderer(rng)
     rows, covariances = [], []
+    raw_mps = [math.nan, math.nan]
     dt_s = TICK_S / _FINE
     for tick in range(int(duration_s / TICK_S)):
         samples: list[Sample] = []
@@ -191,10 +195,13 @@ def fly_in_wind(
         motion = _reported(vehicle, settings, level_rad, rng)
         estimate = filter_.step(now_s, samples, motion)
         if estimate is not None and now_s >= 5.0:
-            rows.append((now_s, *air_mps[:2], *estimate.wind_ned_mps[:2]))
+            readings = [s.wind_body_mps for s in samples if s.wind_body_mps is not None]
+            if readings:
+                raw_mps = (body_to_ned(motion.attitude_rad) @ np.array(readings[-1]))[:2].tolist()
+            rows.append((now_s, *air_mps[:2], *estimate.wind_ned_mps[:2], *raw_mps))
             covariances.append([row[:2] for row in estimate.covariance_m2ps2[:2]])
     table = np.array(rows)
-    return WindFlight(table[:, 0], table[:, 1:3], table[:, 3:5], np.array(covariances))
+    return WindFlight(table[:, 0], table[:, 1:3], table[:, 3:5], np.array(covariances), table[:, 5:7])
 
 
 class _Wanderer:
