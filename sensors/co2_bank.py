@@ -73,7 +73,7 @@ class TwoModes:
         calm_x, calm_p, plume_p = calm.x, calm.P, plume.P
         for kf, share, noise in ((calm, calm_from_plume, calm_noise), (plume, plume_from_plume, plume_noise)):
             kf.x = calm_x - share * apart
-            kf.P = calm_p + share * (plume_p - calm_p) + (share * (1.0 - share)) * outer
+            kf.P = (1.0 - share) * calm_p + share * plume_p + (share * (1.0 - share)) * outer
             kf.predict(F=transition, Q=noise)
         self.plume_chance = becomes_plume
         self._mixture = None
@@ -121,6 +121,10 @@ class TwoModes:
             calm, plume, chance = self._calm, self._plume, self.plume_chance
             apart = plume.x - calm.x
             x = calm.x + chance * apart
-            p = calm.P + chance * (plume.P - calm.P) + (chance * (1.0 - chance)) * (apart[:, None] * apart)
+            p = (
+                (1.0 - chance) * calm.P
+                + chance * plume.P
+                + (chance * (1.0 - chance)) * (apart[:, None] * apart)
+            )
             self._mixture = (x, p)
         return self._mixture

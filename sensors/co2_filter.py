@@ -57,6 +57,8 @@ class _Step:
     state_time_s: float
     value_ppm: float
     variance_ppm2: float
+    clean: bool = False
+    """It was the statement that the air is clean, not a reading."""
 
 
 class Co2Filter:
@@ -248,21 +250,29 @@ class Co2Filter:
             self._steps.pop()
         self._bank.restore(first.before)
         self._time_s = first.state_time_s
-        again = [(time_s, value_ppm, self.config.reading_variance_ppm2(value_ppm))]
-        again += [(s.time_s, s.value_ppm, s.variance_ppm2) for s in later]
-        for moment_s, value, variance in again:
+        again = [(time_s, value_ppm, self.config.reading_variance_ppm2(value_ppm), False)]
+        again += [(s.time_s, s.value_ppm, s.variance_ppm2, s.clean) for s in later]
+        for moment_s, value, variance, clean in again:
             before = (self._bank.snapshot(), self._time_s)
             self._predict_to(moment_s)
-            self._remember(moment_s, before, value, variance)
-            self._correct(value, variance)
+            self._remember(moment_s, before, value, variance, clean)
+            if clean:
+                self._state_clean(variance)
+            else:
+                self._correct(value, variance)
         self._predict_to(end_s)
 
     def _remember(
-        self, time_s: float, before: tuple[Snapshot, float | None], value_ppm: float, variance_ppm2: float
+        self,
+        time_s: float,
+        before: tuple[Snapshot, float | None],
+        value_ppm: float,
+        variance_ppm2: float,
+        clean: bool = False,
     ) -> None:
         snapshot, state_time_s = before
         if state_time_s is not None:
-            self._steps.append(_Step(time_s, snapshot, state_time_s, value_ppm, variance_ppm2))
+            self._steps.append(_Step(time_s, snapshot, state_time_s, value_ppm, variance_ppm2, clean))
 
     def _correct(self, value_ppm: float, variance_ppm2: float) -> None:
         self.log_likelihood += self._bank.correct(value_ppm, variance_ppm2, _H_READING)
@@ -306,8 +316,13 @@ class Co2Filter:
         else:
             return
         self._clean_last_s = time_s
+        variance = config.clean_sd_ppm**2 * weight
+        self._remember(time_s, (self._bank.snapshot(), self._time_s), 0.0, variance, clean=True)
+        self._state_clean(variance)
+
+    def _state_clean(self, variance_ppm2: float) -> None:
         # It is a statement about the background: how lively the air is must not follow from it.
-        self._bank.correct(0.0, config.clean_sd_ppm**2 * weight, _H_EXCESS, judge=False)
+        self._bank.correct(0.0, variance_ppm2, _H_EXCESS, judge=False)
 
     # -- time and output -----------------------------------------------------------------------------------
 
@@ -331,7 +346,7 @@ class Co2Filter:
 
     def _restart(self) -> None:
         if self._background is not None:
-            self._background = (*self._background[:2], -math.inf)
+            self._background = (*self._background[:2], math.inf)  # how long ago is not known
         self._time_s = self._held = self._clean_since_s = None
         self._heard_s = self._news_s = self._same_since_s = self._saturated_s = -math.inf
         self._clean_until_s = self._clean_last_s = -math.inf

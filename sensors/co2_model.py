@@ -12,6 +12,7 @@ to discrete time is van Loan's (IEEE Trans. AC-23(3), 1978).
 
 from __future__ import annotations
 
+import math
 from typing import Any, Final
 
 import msgspec
@@ -130,8 +131,15 @@ class Co2Model:
         rate[RATE, 0] = np.sqrt(2.0 / config.rate_time_s)  # for a stationary rate of variance 1
         background = np.zeros((STATES, 1))
         background[BACKGROUND, 0] = config.drift_ppm_per_sqrt_hour / 60.0
-        transition, rate_noise = van_loan_discretization(self._a, rate, dt_s)
-        _, background_noise = van_loan_discretization(self._a, background, dt_s)
+        # The exponential loses its digits where the time is long against the lag: short steps, doubled.
+        doublings = max(0, math.ceil(math.log2(max(dt_s, 1e-3) / min(0.5, config.lag_s))))
+        short_s = dt_s / 2**doublings
+        transition, rate_noise = van_loan_discretization(self._a, rate, short_s)
+        _, background_noise = van_loan_discretization(self._a, background, short_s)
+        for _ in range(doublings):
+            rate_noise = transition @ rate_noise @ transition.T + rate_noise
+            background_noise = transition @ background_noise @ transition.T + background_noise
+            transition = transition @ transition
         return transition, _symmetric(rate_noise), _symmetric(background_noise)
 
 

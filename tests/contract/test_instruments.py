@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -67,7 +68,7 @@ def test_any_bytes_in_any_chunking(kind: str, stream: bytes, cuts: list[int]) ->
     whole, pieces = make_instrument(kind), make_instrument(kind)
     expected = whole.receive(1.0, stream)
     edges = [0, *sorted(min(c, len(stream)) for c in cuts), len(stream)]
-    found = [s for a, b in zip(edges, edges[1:], strict=False) for s in pieces.receive(1.0, stream[a:b])]
+    found = [s for a, b in itertools.pairwise(edges) for s in pieces.receive(1.0, stream[a:b])]
     assert found == expected
     for sample in found:
         check(sample, pieces)
