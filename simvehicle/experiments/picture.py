@@ -81,7 +81,7 @@ def _frame(trial: RecordedTrial, tracks: Tracks, cell: Cell) -> tuple[Figure, Ax
     axes.set_xlabel("east, m")
     axes.set_ylabel("north, m")
     axes.set_title(
-        f"{cell.label()}, seed {trial.row['seed']}, trial {trial.row['trial']}: {outcome_words(trial)}"
+        f"{cell.label()}, seed {trial.row['seed']}, trial {trial.row['trial']}\n{outcome_words(trial)}"
     )
     return figure, axes, image
 

@@ -84,5 +84,9 @@ def compiled(function: Function) -> Function:
 
 
 def kernel(function: Function) -> Function:
-    """Like `compiled`, to be called from compiled code only: saves the translation of Python's arguments."""
+    """Like `compiled`, to be called from compiled code only.
+
+    The translation of Python's arguments is left out, which halves the time to compile. Calling such a function
+    from Python crashes the interpreter: give a function that Python calls to `compiled`.
+    """
     return cast(Function, numba.njit(**_INNER)(function))

@@ -232,7 +232,10 @@ def _multi(
             prepare_drones(part, first, setup, seed, trial)
             open_stream(stream, seed, trial, OWN + group)
             labels = np.arange(first, first + members)
-            fly_locus(scene, part, labels, slots, np.arange(members), numbers, stream, 0.0, 0.0)
+            holder = np.full(slots.level.shape[0], -1, np.int64)
+            for slot in range(members):
+                holder[slot] = slot
+            fly_locus(scene, part, labels, slots, holder, numbers, stream, 0.0, 0.0)
             total[NOW] = max(total[NOW], part.tally[NOW])
             total[SUCCESS] = min(total[SUCCESS], part.tally[SUCCESS])
             if part.tally[CONTACT] < total[CONTACT]:

@@ -165,10 +165,11 @@ def fly_locus(
 ) -> None:
     """Fly a LoCUS swarm whose members hold the slots in `holder` until the trial ends.
 
-    It forms up about the centre, and searches from there: on the spiral, or as one body on golden spokes.
+    `holder` has an entry for every slot of the table. The swarm forms up about the centre, and searches from
+    there: on the spiral, or as one body on golden spokes.
     """
     count = drones.alive.shape[0]
-    below = np.zeros(count, np.int64)
+    below = np.zeros(holder.shape[0], np.int64)
     required = np.ones(count, np.int64)
     window_x = np.zeros(2 * count)
     window_y = np.zeros(2 * count)
@@ -182,7 +183,7 @@ def fly_locus(
     x, y = centre_x, centre_y
     index = 0
     while True:
-        for slot in range(count):
+        for slot in range(holder.shape[0]):
             if holder[slot] >= 0 and required[holder[slot]] == 1:
                 _aim(scene, drones, slots, slot, holder[slot], x, y, turn_rad)
         if not fly_leg(scene, drones, labels, required, 0):
@@ -207,7 +208,7 @@ def fly_locus(
             window_y[k] = window_y[filled - keep + k]
             window[k] = window[filled - keep + k]
         filled = keep
-        for slot in range(count):
+        for slot in range(holder.shape[0]):
             drone = holder[slot]
             if drone >= 0 and required[drone] == 1:
                 window_x[filled] = drones.rows[drone, X]

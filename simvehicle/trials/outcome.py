@@ -66,8 +66,9 @@ def kernel_setup(cell: Cell) -> Setup:
         raise ValueError("; ".join(problems))
     layout = cell.formation()
     spokes = cell.strategy == "locus-multi"
-    members = min(cell.group, cell.drones) if spokes else cell.drones
-    table = layout.table(cell.drones)
+    groups = max(1, cell.drones // cell.group) if spokes else 1
+    members = math.ceil(cell.drones / groups)
+    table = layout.table(members)
     slots = locus_kernel.Slots(
         table.level.copy(),
         table.parent.copy(),

@@ -19,7 +19,7 @@ import numpy as np
 from mission.formation import FloatArray
 from simvehicle.config import GaussianPlume
 from simvehicle.plumes import LOCUS_CELL_M, LOCUS_CUT, LOCUS_WIDTH_M, Gaussian, locus_grid
-from simvehicle.trials.compiled import kernel
+from simvehicle.trials.compiled import compiled, kernel
 
 PlumeName = Literal["locus-grid", "gaussian"]
 
@@ -71,7 +71,7 @@ def plume_numbers(name: PlumeName, perturbed: bool, gust_sd_mps: float) -> tuple
 _OMEGA_RADPS = np.array([2.0 * math.pi / period_s for period_s in _WAVE_PERIODS_S])
 
 
-@kernel
+@compiled
 def gaussian_value(plume: FloatArray, x: float, y: float) -> float:
     """Concentration of the Gaussian plume at the height of its release, x downwind and y crosswind, over PEAK."""
     vent2 = plume[VENT] * plume[VENT]
