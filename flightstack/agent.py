@@ -17,8 +17,8 @@ from flightstack import topics
 from flightstack.autopilot import AutopilotSession, VehicleReport
 from flightstack.belief import Belief
 from flightstack.config import DroneConfig
-from flightstack.guard import Guard, Guarded, PositionTarget
-from flightstack.guidance import CORRIDOR_M, horizontal_m, over_the_top, underneath
+from flightstack.guard import AGEING_LIMIT_M, SEPARATION_MARGIN_M, Guard, Guarded, PositionTarget
+from flightstack.guidance import CORRIDOR_M, horizontal_m, landing_point, over_the_top, underneath
 from flightstack.phase import IN_FORMATION, Ask, FlightPhase, Note, PhaseStep, SwarmFacts, VehicleFacts
 from flightstack.sensing import PortInput, Sensed, Sensing
 from flightstack.swarm_tree import SwarmTree, TreeNews
@@ -101,9 +101,10 @@ class Agent:
             incarnation=incarnation,
             lost_after_s=config.limits.peer_lost_s,
         )
-        self._guard = Guard(
-            config.limits, LocalFence(self.frame, config.geofence) if config.geofence else None
-        )
+        self._fence = LocalFence(self.frame, config.geofence) if config.geofence else None
+        self._guard = Guard(config.limits, self._fence)
+        self._landing_ned_m: Vector3 | None = None
+        """Where this drone comes down: home, unless somebody hovers there who will not make way."""
         layer = config.swarm.members.index(config.drone) % config.formation.layers
         self._layer_above_home_m = config.formation.above_home_m + config.formation.layer_gap_m * (layer + 1)
         self._strategy = self._new_strategy()
@@ -142,6 +143,8 @@ class Agent:
             moving=self._transferring(now_s, vehicle, news), belief=self._belief, now_s=now_s
         )
         notes += self._tree_notes(news)
+        neighbours = self._belief.neighbours(now_s)
+        self._choose_landing(vehicle, neighbours)
         # phase
         phase = self.phase.step(
             now_s, inbox.commands, self._vehicle_facts(vehicle), self._swarm_facts(now_s, vehicle, place)
@@ -150,7 +153,6 @@ class Agent:
         if phase.started is not None:
             self._begin(now_s, phase.started)
         # strategy
-        neighbours = self._belief.neighbours(now_s)
         intent = self._decide(now_s, phase, vehicle, sensed, neighbours, place)
         # guard
         guarded = self._steer(phase, intent, vehicle, neighbours)
@@ -258,7 +260,7 @@ class Agent:
         )
 
     def _swarm_facts(self, now_s: float, vehicle: VehicleReport, place: TreePlace) -> SwarmFacts:
-        position, home = vehicle.position_ned_m, vehicle.home_ned_m
+        position, home = vehicle.position_ned_m, self._landing_ned_m
         over_home = (
             position is not None
             and home is not None
@@ -273,6 +275,23 @@ class Agent:
             stuck=self._stuck(now_s, position, home),
             must_return=self._must_return(now_s, vehicle),
         )
+
+    def _choose_landing(self, vehicle: VehicleReport, neighbours: tuple[Neighbour, ...]) -> None:
+        """Home, or a place beside it; chosen anew only when the one chosen before is blocked."""
+        home = vehicle.home_ned_m
+        if home is None or self.phase.phase is not Phase.RETURNING:
+            self._landing_ned_m = home
+            return
+        config = self.config
+        margin_m = config.limits.fence_margin_m
+        room_m = config.limits.separation_m + SEPARATION_MARGIN_M + AGEING_LIMIT_M + CORRIDOR_M
+
+        def allowed(north_m: float, east_m: float) -> bool:
+            return self._fence is None or self._fence.clearance_m(north_m, east_m) >= margin_m
+
+        chosen = self._landing_ned_m or home
+        still_good = landing_point(chosen, neighbours, room_m, allowed) == chosen
+        self._landing_ned_m = chosen if still_good else landing_point(home, neighbours, room_m, allowed)
 
     def _stuck(self, now_s: float, position: Vector3 | None, home: Vector3 | None) -> bool:
         """Whether this drone is returning and has come no nearer to its home for a minute."""
@@ -339,8 +358,8 @@ class Agent:
         match phase.phase:
             case Phase.FORMING if target is not None:
                 return GoTo(over_the_top(position, target, -self._layer_above_home_m))
-            case Phase.RETURNING if vehicle.home_ned_m is not None:
-                home = vehicle.home_ned_m
+            case Phase.RETURNING if self._landing_ned_m is not None:
+                home = self._landing_ned_m
                 over = (home[0], home[1], home[2] - LANDING_HEIGHT_M)
                 return GoTo(over_the_top(position, over, -self._layer_above_home_m))
             case Phase.SEARCHING | Phase.TRACKING:

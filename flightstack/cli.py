@@ -42,19 +42,26 @@ def check(config: ConfigOption) -> None:
 
 @app.command()
 def replay(
-    recording: Annotated[pathlib.Path, typer.Argument(help="A drone-*.mcap that `flightstack run` wrote.")],
+    recordings: Annotated[
+        list[pathlib.Path], typer.Argument(help="Files drone-*.mcap that `flightstack run` wrote.")
+    ],
 ) -> None:
-    """Fly a recorded flight again and compare every tick's outputs with the recorded ones."""
+    """Fly recorded flights again and compare every tick with the recorded one; exit code 1 if any differs."""
     from flightstack.replay import replay as replay_flight
 
-    result = replay_flight(recording)
-    if result.differing:
-        typer.echo(
-            f"{recording}: {result.differing} of {result.ticks} ticks differ, "
-            f"the first at {result.first_difference_s:.3f} s"
-        )
+    differing = 0
+    for recording in recordings:
+        result = replay_flight(recording)
+        differing += result.differing
+        if result.differing:
+            typer.echo(
+                f"{recording}: {result.differing} of {result.ticks} ticks differ, "
+                f"the first at {result.first_difference_s:.3f} s"
+            )
+        else:
+            typer.echo(f"{recording}: {result.ticks} ticks, all outputs the same")
+    if differing:
         raise typer.Exit(1)
-    typer.echo(f"{recording}: {result.ticks} ticks, all outputs the same")
 
 
 def _mount_sensors() -> None:

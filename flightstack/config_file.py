@@ -5,12 +5,21 @@ from __future__ import annotations
 import pathlib
 from collections.abc import Iterator
 
-from flightstack.config import DroneConfig
+from flightstack.config import DroneConfig, FormationConfig, LimitsConfig
+from flightstack.link import LinkError, check_link
+from flightstack.transport import TransportError
+from flightstack.transport.endpoints import check_endpoint
 from mission.documents import DocumentError, line_of, parse
 from mission.formation import make_layout
+from mission.frames import LocalFrame
+from mission.geofence import LocalFence
 from mission.search import make
 from sensors.errors import SensorError
 from sensors.instruments import make_instrument
+from sensors.port import check_port
+
+FASTEST = 100.0
+"""Largest speed-up; `flightstack.clock` refuses more."""
 
 
 def load(path: str | pathlib.Path) -> DroneConfig:
@@ -33,24 +42,17 @@ def problems(config: DroneConfig) -> Iterator[tuple[str, str]]:
         yield "drone", f"drone {config.drone} is not in swarm.members {list(members)}"
     if len(set(members)) != len(members):
         yield "swarm.members", "a drone's id stands twice; every drone needs its own"
-    if limits.floor_above_home_m >= limits.ceiling_above_home_m:
-        yield "limits.floor_above_home_m", "the floor is not below the ceiling"
-    layers = min(len(members), formation.layers)
-    top_m = formation.above_home_m + formation.layer_gap_m * layers
-    if top_m > limits.ceiling_above_home_m:
-        yield (
-            "formation.layer_gap_m",
-            f"the highest of {layers} layers is at {top_m:g} m, above limits.ceiling_above_home_m",
-        )
+    yield from _plain_numbers(config)
+    yield from _altitudes(formation, limits, len(members))
     layout = make_layout(formation.layout, formation.spacing_m)
     for problem in layout.problems(len(members), limits.separation_m, formation.radio_range_m):
         yield "formation", problem
-    for problem in config.geofence.problems() if config.geofence else ():
-        yield "geofence", problem
+    yield from _fence(config)
     try:
         make(config.strategy.name, layout=layout, **config.strategy.parameters)
     except (TypeError, ValueError) as error:
         yield "strategy", str(error)
+    yield from _connections(config)
     for index, instrument in enumerate(config.instruments):
         field = f"instruments[{index}]"
         if any(instrument.name == other.name for other in config.instruments[:index]):
@@ -59,3 +61,87 @@ def problems(config: DroneConfig) -> Iterator[tuple[str, str]]:
             make_instrument(instrument.type, instrument.name, instrument.options)
         except SensorError as error:
             yield f"{field}.type", str(error)
+            continue
+        if instrument.port == "mavlink":
+            continue
+        try:
+            check_port(instrument.port, 9600 if instrument.baud is None else instrument.baud)
+        except SensorError as error:
+            yield f"{field}.port", str(error)
+
+
+def _plain_numbers(config: DroneConfig) -> Iterator[tuple[str, str]]:
+    if not 0 <= config.seed < 1 << 63:
+        yield "seed", f"{config.seed} is not within 0 to {(1 << 63) - 1}"
+    if config.speedup > FASTEST:
+        yield "speedup", f"{config.speedup:g} is not within 0 to {FASTEST:g}"
+    if not 4.0 <= config.tick_hz <= 100.0:
+        yield "tick_hz", f"{config.tick_hz:g} is not within 4 to 100; 10 is usual"
+    if not -500.0 <= config.origin.amsl_m <= 9000.0:
+        yield "origin.amsl_m", f"{config.origin.amsl_m:g} m above the sea is nowhere that a drone flies"
+    if not config.record_to:
+        yield "record_to", "names no directory"
+
+
+def _altitudes(formation: FormationConfig, limits: LimitsConfig, drones: int) -> Iterator[tuple[str, str]]:
+    floor_m, ceiling_m = limits.floor_above_home_m, limits.ceiling_above_home_m
+    if floor_m >= ceiling_m:
+        yield "limits.floor_above_home_m", "the floor is not below the ceiling"
+    if not floor_m < formation.above_home_m < ceiling_m:
+        yield (
+            "formation.above_home_m",
+            f"{formation.above_home_m:g} m is not between the floor ({floor_m:g} m) "
+            f"and the ceiling ({ceiling_m:g} m) of limits",
+        )
+    if drones > 1 and formation.above_home_m - floor_m < limits.separation_m:
+        yield (
+            "formation.above_home_m",
+            f"below {formation.above_home_m:g} m there is no room over limits.floor_above_home_m = "
+            f"{floor_m:g} m for an heir to pass under the others; fly higher",
+        )
+    if drones > 1 and formation.layer_gap_m < limits.separation_m:
+        yield (
+            "formation.layer_gap_m",
+            f"{formation.layer_gap_m:g} m between layers is less than limits.separation_m = "
+            f"{limits.separation_m:g} m; drones crossing in two layers would come too near",
+        )
+    layers = min(drones, formation.layers)
+    top_m = formation.above_home_m + formation.layer_gap_m * layers
+    if top_m > ceiling_m:
+        yield (
+            "formation.layer_gap_m",
+            f"the highest of {layers} layers is at {top_m:g} m, above limits.ceiling_above_home_m",
+        )
+
+
+def _fence(config: DroneConfig) -> Iterator[tuple[str, str]]:
+    if config.geofence is None:
+        return
+    found = False
+    for problem in config.geofence.problems():
+        found = True
+        yield "geofence", problem
+    if found:
+        return
+    # The swarm forms up over the origin: a fence without it is a fence that nothing can be flown in.
+    clearance_m = LocalFence(LocalFrame(config.origin), config.geofence).clearance_m(0.0, 0.0)
+    if clearance_m < config.limits.fence_margin_m:
+        where = (
+            f"{-clearance_m:.0f} m outside the geofence"
+            if clearance_m < 0.0
+            else f"{clearance_m:.1f} m from the geofence, less than limits.fence_margin_m"
+        )
+        yield "origin", f"the swarm forms up over it, and it is {where}; move it or widen the fence"
+
+
+def _connections(config: DroneConfig) -> Iterator[tuple[str, str]]:
+    try:
+        check_link(config.autopilot.link)
+    except LinkError as error:
+        yield "autopilot.link", str(error)
+    for field, endpoints in (("listen", config.swarm.listen), ("connect", config.swarm.connect)):
+        for index, endpoint in enumerate(endpoints):
+            try:
+                check_endpoint(field, endpoint, config.swarm.tls)
+            except TransportError as error:
+                yield f"swarm.{field}[{index}]", str(error).removeprefix(f"swarm.{field}: ")

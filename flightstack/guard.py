@@ -16,6 +16,7 @@ from collections.abc import Sequence
 import msgspec
 
 from flightstack.config import LimitsConfig
+from flightstack.guidance import FRESH_S, whereabouts
 from mission.frames import Vector3
 from mission.geofence import LocalFence
 from mission.observation import GoTo, Hold, Intent, Neighbour, Velocity
@@ -147,11 +148,7 @@ class Guard:
         for other in neighbours:
             if not other.airborne:
                 continue
-            ahead_s = min(other.age_s, 1.0)
-            to_other = tuple(
-                o + v * ahead_s - p
-                for o, v, p in zip(other.position_ned_m, other.velocity_ned_mps, position, strict=True)
-            )
+            to_other = tuple(o - p for o, p in zip(whereabouts(other, position), position, strict=True))
             distance_m = math.hypot(*to_other)
             if distance_m > reach_m:
                 continue
@@ -161,7 +158,9 @@ class Guard:
                 if distance_m > 1e-3
                 else (0.0, 0.0, 1.0)
             )
-            approaching_mps = min(0.0, _dot(other.velocity_ned_mps, towards)) if other.age_s < 1.0 else 0.0
+            approaching_mps = (
+                min(0.0, _dot(other.velocity_ned_mps, towards)) if other.age_s < FRESH_S else 0.0
+            )
             allowed_mps = braking_speed_mps(distance_m - room_m, limits.acceleration_mps2) + approaching_mps
             near.append((towards, allowed_mps, distance_m - room_m, other.drone))
         for _ in range(3):

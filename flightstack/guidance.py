@@ -8,11 +8,20 @@ swarm's frame; "layer" is the altitude (as down) that belongs to one drone while
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 
 from mission.frames import Vector3
+from mission.observation import Neighbour
 
 CORRIDOR_M = 1.5
 """Horizontal distance below which a drone counts as above or below its target."""
+
+
+SILENT_S = 5.0
+"""A flying drone that has been silent for so long will not make way."""
+
+PARKED_M = 3.0
+"""Room to a drone on the ground."""
 
 
 def horizontal_m(a: Vector3, b: Vector3) -> float:
@@ -31,6 +40,60 @@ def underneath(position_ned_m: Vector3, target_ned_m: Vector3, layer_down_m: flo
     return _by_layer(
         position_ned_m, target_ned_m, layer_down_m, reached=position_ned_m[2] >= layer_down_m - 0.7
     )
+
+
+COAST_S = 4.0
+"""How long a vehicle may fly on after its agent's last word: ArduPilot follows a velocity for 3 s, then brakes."""
+
+FRESH_S = 1.0
+"""A position this young is extended by its velocity; of an older one only the stretch is known that it lies on."""
+
+
+def whereabouts(other: Neighbour, seen_from_ned_m: Vector3) -> Vector3:
+    """Where a neighbour is now; of the places where one that fell silent can have come to rest, the nearest."""
+    position, velocity = other.position_ned_m, other.velocity_ned_mps
+    if other.age_s <= FRESH_S:
+        ahead_s = other.age_s
+    else:
+        speed2 = math.fsum(v * v for v in velocity)
+        to_us = math.fsum((s - p) * v for s, p, v in zip(seen_from_ned_m, position, velocity, strict=True))
+        ahead_s = min(max(to_us / speed2, 0.0), other.age_s, COAST_S) if speed2 > 1e-4 else 0.0
+    n, e, d = (p + v * ahead_s for p, v in zip(position, velocity, strict=True))
+    return n, e, d
+
+
+def landing_point(
+    home_ned_m: Vector3,
+    neighbours: Sequence[Neighbour],
+    room_m: float,
+    allowed: Callable[[float, float], bool],
+) -> Vector3:
+    """Where to come down: home, or the nearest place that nobody blocks who will not make way.
+
+    A drone whose agent died may hover over the launch line until its battery is empty. Then the nearest point of a
+    2 m grid around home is taken that keeps `room_m` from its column and `PARKED_M` from drones on the ground.
+    """
+    blocked = [n for n in neighbours if n.airborne and n.age_s > SILENT_S]
+    parked = [n.position_ned_m for n in neighbours if not n.airborne]
+
+    def free(point: Vector3) -> bool:
+        return all(
+            horizontal_m(point, whereabouts(other, (point[0], point[1], other.position_ned_m[2]))) >= room_m
+            for other in blocked
+        )
+
+    if free(home_ned_m):
+        return home_ned_m
+    steps = range(-12, 13)
+    grid = ((home_ned_m[0] + 2.0 * i, home_ned_m[1] + 2.0 * j, home_ned_m[2]) for i in steps for j in steps)
+    places = (
+        point
+        for point in grid
+        if free(point)
+        and allowed(point[0], point[1])
+        and all(horizontal_m(point, other) >= PARKED_M for other in parked)
+    )
+    return min(places, key=lambda point: horizontal_m(point, home_ned_m), default=home_ned_m)
 
 
 def _by_layer(position: Vector3, target: Vector3, layer_down_m: float, *, reached: bool) -> Vector3:

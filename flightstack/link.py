@@ -7,6 +7,7 @@ does not fit there is dropped whole and counted.
 
 from __future__ import annotations
 
+import functools
 import re
 import socket
 import time
@@ -70,9 +71,18 @@ def open_link(text: str) -> ByteLink:
     `tcp:HOST:PORT` connects, as often as needed; `tcpin:HOST:PORT` waits for one client, the newest;
     `PATH,BAUD` is a serial port, which must be there at the start and may come and go later.
     """
+    return _opener(text)()
+
+
+def check_link(text: str) -> None:
+    """`LinkError` if `text` names no link; nothing is opened."""
+    _opener(text)
+
+
+def _opener(text: str) -> Callable[[], ByteLink]:
     from flightstack.link_streams import SerialLink, TcpClientLink, TcpServerLink
 
-    if match := re.fullmatch(r"(\w+):(.+):(\d+)", text):
+    if match := re.fullmatch(r"(\w+):(.+):(\d{1,5})", text):
         kinds: dict[str, Callable[[str, str, int], ByteLink]] = {
             "udpin": UdpInLink,
             "udpout": UdpOutLink,
@@ -81,13 +91,13 @@ def open_link(text: str) -> ByteLink:
         }
         kind, host, port = match[1], match[2].strip("[]"), int(match[3])
         if kind in kinds and 0 <= port <= 65535:
-            return kinds[kind](text, host, port)
+            return functools.partial(kinds[kind], text, host, port)
         if kind == "udp":
             raise LinkError(
                 f"link {text!r}: say udpin:{host}:{port} to wait there, udpout:{host}:{port} to send"
             )
-    elif match := re.fullmatch(r"([^,:]+),(\d+)", text):
-        return SerialLink(text, match[1], int(match[2]))
+    elif match := re.fullmatch(r"([^,:]+),(\d{1,8})", text):
+        return functools.partial(SerialLink, text, match[1], int(match[2]))
     elif text.startswith("/dev/"):
         raise LinkError(f"link {text!r}: the baud rate is missing; write it as {text.rstrip(',')},57600")
     raise LinkError(

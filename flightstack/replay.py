@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import pathlib
+from typing import Any
 
 import msgspec
 
 from flightstack.agent import Agent, Inputs
 from flightstack.config import DroneConfig
 from flightstack.errors import FlightstackError
-from flightstack.recording import read_recording, restore
+from flightstack.recording import Record, read_recording, restore
 from flightstack.runner import fingerprint
 
 
@@ -32,12 +33,11 @@ def replay(path: pathlib.Path) -> Replay:
     now: int | None = None
     for record in read_recording(path):
         if record.topic == "/config":
-            config = restore(record.message["config"], DroneConfig)
-            agent = Agent(config, incarnation=record.message["incarnation"])
+            agent = _agent(path, record.message)
         elif agent is None:
             raise ReplayError(f"{path}: the recording does not begin with the drone's configuration")
         elif record.topic == "/inputs":
-            outputs = agent.step(record.time_s, restore(record.message, Inputs))
+            outputs = agent.step(record.time_s, _inputs(path, record))
             now = fingerprint(outputs)
         elif record.topic == "/outputs" and now is not None:
             ticks += 1
@@ -47,3 +47,24 @@ def replay(path: pathlib.Path) -> Replay:
     if ticks == 0:
         raise ReplayError(f"{path}: no recorded ticks; was it made by `flightstack run`?")
     return Replay(ticks, differing, first_s)
+
+
+def _agent(path: pathlib.Path, message: dict[str, Any]) -> Agent:
+    """A new agent as it was configured then."""
+    try:
+        config = restore(message["config"], DroneConfig)
+        return Agent(config, incarnation=msgspec.convert(message["incarnation"], int))
+    except (KeyError, ValueError, TypeError, msgspec.ValidationError) as error:
+        raise ReplayError(
+            f"{path}: holds no drone's configuration that this version understands; "
+            "was it made by `flightstack run`?"
+        ) from error
+
+
+def _inputs(path: pathlib.Path, record: Record) -> Inputs:
+    try:
+        return restore(record.message, Inputs)
+    except (ValueError, TypeError, msgspec.ValidationError) as error:
+        raise ReplayError(
+            f"{path}: the inputs at {record.time_s:.3f} s are not an agent's: {error}"
+        ) from error

@@ -113,7 +113,7 @@ def plan(survey: Survey, directory: pathlib.Path) -> Plan:
                 autopilot=AutopilotConfig(
                     link=f"udpin:{HOST}:{companion}",
                     flavour=drone.flavour,
-                    parameters=_return_altitude(survey, drone, index),
+                    parameters=_failsafe_parameters(survey, drone, index),
                 ),
                 instruments=tuple(
                     InstrumentConfig(name=i.name, type=i.type, port=f"socket://{p}", options=i.options)
@@ -166,13 +166,16 @@ def plan(survey: Survey, directory: pathlib.Path) -> Plan:
     return Plan(directory, swarm, tuple(endpoints), fleet, tuple(drones))
 
 
-def _return_altitude(survey: Survey, drone: SurveyDrone, index: int) -> dict[str, float]:
-    """Each drone's own altitude for the autopilot's return: that of its layer (see `flightstack.agent`), so that even
-    drones whose agents are dead come home at different altitudes."""
+def _failsafe_parameters(survey: Survey, drone: SurveyDrone, index: int) -> dict[str, float]:
+    """What the agent sets on its autopilot for the time when there is no agent any more.
+
+    Each drone returns at an altitude of its own, that of its layer (see `flightstack.agent`), and an ArduPilot
+    follows the last velocity for 1 s instead of 3.
+    """
     formation = survey.config.formation
     above_home_m = formation.above_home_m + formation.layer_gap_m * (index % formation.layers + 1)
     if drone.flavour == "ardupilot":
-        return {"RTL_ALT": round(above_home_m * 100.0)}  # centimetres
+        return {"RTL_ALT": round(above_home_m * 100.0), "GUID_TIMEOUT": 1.0}  # centimetres, seconds
     return {"RTL_RETURN_ALT": above_home_m}
 
 

@@ -18,7 +18,17 @@ from flightstack.agent import Agent, Inputs, Outputs, PeerMessage
 from flightstack.config import DroneConfig
 from flightstack.sensing import PortInput
 from flightstack.transport.memory import MemoryRadio, MemoryTransport
-from flightstack.wire import Command, CommandName, DroneState, Event, Outcome, Phase, TreeState
+from flightstack.wire import (
+    Command,
+    CommandName,
+    DroneState,
+    Event,
+    Outcome,
+    Phase,
+    Traffic,
+    TrafficVehicle,
+    TreeState,
+)
 from mission.frames import Vector3
 from simvehicle.config import FleetConfig
 from simvehicle.instruments import Air, Emulator, make_emulator
@@ -48,8 +58,14 @@ class Scenario:
     """Steps vehicles, radio and agents together; `states`, `events`, `outcomes` are what a ground station hears."""
 
     def __init__(
-        self, drones: Sequence[DroneConfig], fleet: FleetConfig, radio: MemoryRadio | None = None
+        self,
+        drones: Sequence[DroneConfig],
+        fleet: FleetConfig,
+        radio: MemoryRadio | None = None,
+        *,
+        ground_watches: bool = True,
     ) -> None:
+        """`ground_watches`: a ground station tells the swarm where vehicles without agents are."""
         self.now_s = 0.0
         self.world = make_world(fleet)
         self.radio = radio or MemoryRadio(seed=fleet.seed)
@@ -63,6 +79,8 @@ class Scenario:
         """Called with every agent's tick, for recording."""
         self._commands = (f"scenario-{n}" for n in itertools.count())
         self._ground = self.radio.join(GROUND)
+        self._ground_watches = ground_watches
+        self._traffic_due_s = 0.0
         self.members: dict[int, Member] = {}
         specs = {spec.id: spec for spec in fleet.vehicles}
         for config in drones:
@@ -134,6 +152,9 @@ class Scenario:
             else:
                 member.vehicle.drain()
         self._listen()
+        if self._ground_watches and self.now_s >= self._traffic_due_s:
+            self._traffic_due_s = self.now_s + 0.25
+            self._tell_of_orphans()
         self._measure()
 
     def _tick(self, member: Member) -> None:
@@ -184,6 +205,19 @@ class Scenario:
                     self.events.append((self.now_s, message))
                 case Outcome():
                     self.outcomes.append(message)
+
+    def _tell_of_orphans(self) -> None:
+        """What `gcs serve` tells of vehicles that it hears over MAVLink and whose agents are silent."""
+        orphans = tuple(
+            TrafficVehicle(
+                drone, m.vehicle.position_ned_m, m.vehicle.velocity_ned_mps, 0.1, m.vehicle.airborne
+            )
+            for drone, m in self.members.items()
+            if not m.alive
+        )
+        if orphans:
+            traffic = Traffic(GROUND, self.world.frame.identity, orphans)
+            self._ground.publish(topics.TRAFFIC, topics.TRAFFIC.codec.encode(traffic))
 
     def _measure(self) -> None:
         flying = [m.vehicle.position_ned_m for m in self.members.values() if m.vehicle.airborne]

@@ -26,6 +26,7 @@ from flightstack.config import TlsConfig
 from flightstack.topics import Delivery, Topic
 from flightstack.transport import Received, TransportError
 from flightstack.transport.backlog import trimmed
+from flightstack.transport.endpoints import check_endpoint
 from flightstack.transport.linger import stop_lingering
 
 log = logging.getLogger(__name__)
@@ -38,9 +39,6 @@ _RELIABLE_BACKLOG: Final = 4096
 _LARGEST_MESSAGE_BYTES: Final = 1 << 20
 _CLOSE_WITHIN_S: Final = 2.0
 _WORD: Final = re.compile(r"[A-Za-z0-9_-]+")
-_ENDPOINT: Final = re.compile(
-    r"(?P<protocol>tcp|udp|tls|quic)/(?:\[[0-9a-fA-F:.%\w]+\]|[^\s/:#?\[\]]+):(?P<port>\d{1,5})(?:[?#]\S*)?"
-)
 
 
 class ZenohTransport:
@@ -214,7 +212,7 @@ def _configuration(listen: Sequence[str], connect: Sequence[str], tls: TlsConfig
     """zenoh's configuration by path; see its DEFAULT_CONFIG.json5 for what each means."""
     for field, endpoints in (("listen", listen), ("connect", connect)):
         for endpoint in endpoints:
-            _check(field, endpoint, tls)
+            check_endpoint(field, endpoint, tls)
     lists_itself = any(endpoint in listen for endpoint in connect)
     options: dict[str, Any] = {
         "mode": "peer",
@@ -268,18 +266,6 @@ def _once_a_pair(listen: Sequence[str], connect: Sequence[str]) -> list[str]:
     """
     own = [index for index, endpoint in enumerate(connect) if endpoint in listen]
     return list(connect[: own[0]] if own else connect)
-
-
-def _check(field: str, endpoint: str, tls: TlsConfig | None) -> None:
-    match = _ENDPOINT.fullmatch(endpoint)
-    if match is None or int(match["port"]) > 65535:
-        raise TransportError(f'swarm.{field}: {endpoint!r} is no endpoint; write it as "tcp/10.0.0.3:7447"')
-    if tls is not None and match["protocol"] != "tls":
-        raise TransportError(
-            f'swarm.{field}: {endpoint} is not encrypted although swarm.tls is set; write "tls/…"'
-        )
-    if tls is None and match["protocol"] in ("tls", "quic"):
-        raise TransportError(f"swarm.{field}: {endpoint} needs swarm.tls with the certificates")
 
 
 def _open(options: dict[str, Any], listen: Sequence[str]) -> zenoh.Session:

@@ -186,6 +186,16 @@ def test_a_crowd_of_silent_obstacles_is_not_flown_into(places: list[tuple[float,
             assert math.dist(drone.position, (n, e, -10.0)) > LIMITS.separation_m
 
 
+def test_a_drone_that_fell_silent_in_motion_may_be_anywhere_on_its_way() -> None:
+    """Last heard 60 s ago flying north at 5 m/s: it came to rest somewhere between 0 and 20 m further."""
+    coasting = neighbour((0.0, 0.0, -10.0), (5.0, 0.0, 0.0), 60.0)
+    drone = Drone((12.0, -30.0, -10.0))
+    for _ in range(200):
+        drone.step(GoTo((12.0, 30.0, -10.0)), (coasting,))
+        for along_m in range(21):
+            assert math.dist(drone.position, (along_m, 0.0, -10.0)) > LIMITS.separation_m
+
+
 def test_drones_on_the_ground_are_no_obstacles() -> None:
     parked = msgspec.structs.replace(neighbour((2.0, 0.0, 0.0)), airborne=False)
     drone = Drone((0.0, 0.0, -3.0))

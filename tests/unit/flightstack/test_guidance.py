@@ -8,8 +8,9 @@ from collections.abc import Callable
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flightstack.guidance import CORRIDOR_M, horizontal_m, over_the_top, underneath
+from flightstack.guidance import CORRIDOR_M, horizontal_m, landing_point, over_the_top, underneath
 from mission.frames import Vector3
+from mission.observation import Neighbour
 
 STEP_M = 0.5
 places = st.tuples(st.floats(-100.0, 100.0), st.floats(-100.0, 100.0), st.floats(-40.0, -3.0))
@@ -48,3 +49,32 @@ def test_the_heir_crosses_underneath(start: Vector3, target: Vector3) -> None:
     for point in track:
         away_from_both = min(horizontal_m(point, start), horizontal_m(point, target)) > CORRIDOR_M + STEP_M
         assert not away_from_both or point[2] >= layer_m - 0.7 - STEP_M
+
+
+def hovering(position: Vector3, *, age_s: float = 60.0, airborne: bool = True) -> Neighbour:
+    return Neighbour(9, position, (0.0, 0.0, 0.0), age_s, airborne)
+
+
+def everywhere(_north_m: float, _east_m: float) -> bool:
+    return True
+
+
+def test_home_is_where_one_lands_unless_somebody_hovers_there_for_good() -> None:
+    home: Vector3 = (10.0, 5.0, 0.0)
+    assert landing_point(home, (), 7.0, everywhere) == home
+    passing = hovering((11.0, 5.0, -20.0), age_s=0.2)
+    assert landing_point(home, (passing,), 7.0, everywhere) == home
+    orphan = hovering((11.0, 5.0, -10.0))
+    beside = landing_point(home, (orphan,), 7.0, everywhere)
+    assert horizontal_m(beside, orphan.position_ned_m) >= 7.0
+    assert horizontal_m(beside, home) < 9.0
+
+
+def test_the_place_beside_home_is_allowed_and_free() -> None:
+    home: Vector3 = (0.0, 0.0, 0.0)
+    orphan = hovering((0.0, 1.0, -10.0))
+    parked = hovering((-6.0, 0.0, 0.0), airborne=False)
+    beside = landing_point(home, (orphan, parked), 6.0, lambda north_m, _east_m: north_m < 1.0)
+    assert beside[0] < 1.0
+    assert horizontal_m(beside, parked.position_ned_m) >= 3.0
+    assert horizontal_m(beside, orphan.position_ned_m) >= 6.0
