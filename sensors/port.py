@@ -39,8 +39,8 @@ class InstrumentPort:
     """
 
     def __init__(self, port: str, baud: int, now_s: Callable[[], float]) -> None:
-        """`SensorError` if `port` can never be opened: a URL of unknown kind, a baud rate that is none."""
-        _check(port, baud)
+        """`SensorError` as `check_port` says."""
+        check_port(port, baud)
         self.port = port
         self.baud = baud
         self._now_s = now_s
@@ -155,7 +155,8 @@ def plain_reason(error: Exception) -> str:
     return next((plain for part, plain in known.items() if part in text), text)
 
 
-def _check(port: str, baud: int) -> None:
+def check_port(port: str, baud: int) -> None:
+    """`SensorError` if `port` can never be opened: a URL of unknown kind, a baud rate that is none."""
     if baud <= 0:
         raise SensorError(f"port {port}: the baud rate {baud} is not positive")
     if port.startswith("socket://"):

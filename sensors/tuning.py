@@ -24,6 +24,9 @@ _LEAST_READINGS: Final = 50
 _GOLDEN: Final = (math.sqrt(5.0) - 1.0) / 2.0
 _SHRINKS: Final = 5
 _LOOKS: Final = 11
+_EDGE_S: Final = 0.3
+"""Correlation time of the air's rate while tuning: a slow one would decay like a lag, and the two trade
+places."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,6 +85,7 @@ def tune_co2(
             noise_ppm=numbers["noise_ppm"],
             plume_rate_ppmps=lively * start.plume_rate_ppmps,
             rate_per_s=lively * start.rate_per_s,
+            rate_time_s=_EDGE_S,
         )
         filter_ = Co2Filter(config)
         for sample in readings:
