@@ -38,12 +38,41 @@ def _mapping(loader: Any, node: yaml.MappingNode) -> dict[Any, Any]:
         if not isinstance(key, str | int | float | bool):
             raise yaml.constructor.ConstructorError(None, None, "a key must be a word", key_node.start_mark)
         if key in seen:
-            raise yaml.constructor.ConstructorError(None, None, f"the key {key!r} stands twice", key_node.start_mark)
+            raise yaml.constructor.ConstructorError(
+                None, None, f"the key {key!r} stands twice", key_node.start_mark
+            )
         seen[key] = key_node.start_mark.line
-    return {loader.construct_object(k, deep=True): loader.construct_object(v, deep=True) for k, v in node.value}
+    return {
+        loader.construct_object(k, deep=True): loader.construct_object(v, deep=True) for k, v in node.value
+    }
+
+
+_LARGEST = 1e15
+"""Beyond it no number means anything here, and squares of it overflow. Whole numbers may have 64 bits."""
+
+
+def _float(loader: Any, node: yaml.ScalarNode) -> float:
+    value: float = loader.construct_yaml_float(node)
+    if not abs(value) <= _LARGEST:
+        raise yaml.constructor.ConstructorError(
+            None,
+            None,
+            f"{node.value} is no number to work with; leave the key out for its default",
+            node.start_mark,
+        )
+    return value
+
+
+def _int(loader: Any, node: yaml.ScalarNode) -> int:
+    value: int = loader.construct_yaml_int(node)
+    if not abs(value) < 1 << 63:
+        raise yaml.constructor.ConstructorError(None, None, "the number is too large", node.start_mark)
+    return value
 
 
 _Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping)
+_Loader.add_constructor("tag:yaml.org,2002:float", _float)
+_Loader.add_constructor("tag:yaml.org,2002:int", _int)
 
 
 def parse(text: str, kind: type[T], file: str) -> T:
@@ -54,6 +83,10 @@ def parse(text: str, kind: type[T], file: str) -> T:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or str(error).splitlines()[0]
         raise DocumentError(file, problem, line=mark.line + 1 if mark else None) from error
+    except RecursionError as error:
+        raise DocumentError(file, "lists or mappings are nested too deeply") from error
+    except ValueError as error:  # a date without such a day, a number of thousands of digits
+        raise DocumentError(file, f"a value cannot be read: {error}") from error
     if raw is None:
         raise DocumentError(file, "the file is empty")
     try:
@@ -66,6 +99,8 @@ def parse(text: str, kind: type[T], file: str) -> T:
 def _split(message: str) -> tuple[str, str]:
     """msgspec's "problem - at `$.a.b[0]`" as (problem, "a.b[0]"), the unknown key included in the path."""
     problem, _, where = message.partition(" - at `")
+    if where.startswith("key` in `"):
+        where, problem = where.removeprefix("key` in `"), "a key must be a word, not a number"
     path = where.rstrip("`").removeprefix("$").removeprefix(".")
     unknown = re.search(r"unknown field `(.+?)`", problem)
     if unknown:

@@ -145,7 +145,7 @@ def instrument_type(type_name: str) -> InstrumentType:
             return entry
     near = difflib.get_close_matches(plain, INSTRUMENTS, n=1)
     hint = f"; did you mean {near[0]}?" if near else ""
-    raise SensorError(f"unknown instrument type {type_name!r}{hint} Known are: {', '.join(INSTRUMENTS)}")
+    raise SensorError(f"unknown instrument type {type_name!r}{hint}; known are: {', '.join(INSTRUMENTS)}")
 
 
 def make_instrument(

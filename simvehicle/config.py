@@ -9,6 +9,9 @@ from msgspec import Meta
 
 from mission.frames import Geodetic, Vector3
 
+FARTHEST_HOME_M = 50_000.0
+"""A home farther from the origin than this is a slip of the pen, and too far for one tangent plane."""
+
 
 class Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A part of a configuration file."""

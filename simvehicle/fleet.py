@@ -20,7 +20,7 @@ from flightstack.link import ByteLink, LinkError, open_link
 from flightstack.shared_clock import Cells
 from mission.documents import DocumentError
 from sensors.errors import SensorError
-from simvehicle.config import EmulatedInstrument, FaultSpec, FleetConfig, VehicleSpec
+from simvehicle.config import FARTHEST_HOME_M, EmulatedInstrument, FaultSpec, FleetConfig, VehicleSpec
 from simvehicle.instruments import Air, Emulator, make_emulator
 from simvehicle.pace import Pace
 from simvehicle.truth import COLUMNS
@@ -53,6 +53,18 @@ def problems(config: FleetConfig) -> Iterator[FleetError]:
     for index, vehicle in enumerate(config.vehicles):
         if vehicle.id in ids[:index]:
             yield FleetError(f"vehicles[{index}].id", f"two vehicles have the id {vehicle.id}")
+        for field in ("home_north_m", "home_east_m"):
+            if not abs(getattr(vehicle, field)) <= FARTHEST_HOME_M:
+                yield FleetError(
+                    f"vehicles[{index}].{field}",
+                    f"is more than {FARTHEST_HOME_M / 1000:g} km from the origin",
+                )
+        carried = [instrument.name for instrument in vehicle.instruments]
+        for place, name in enumerate(carried):
+            if name in carried[:place]:
+                yield FleetError(
+                    f"vehicles[{index}].instruments[{place}].name", f"two instruments are called {name}"
+                )
     for index, fault in enumerate(config.faults):
         where = f"faults[{index}]"
         target = next((vehicle for vehicle in config.vehicles if vehicle.id == fault.drone), None)

@@ -31,7 +31,7 @@ from mission.frames import Geodetic, LocalFrame
 from mission.geofence import Circle, Geofence, LocalFence, Vertex
 from mission.plan_file import read_plan
 from sensors.errors import SensorError
-from simvehicle.config import FaultSpec, GaussianPlume, LocusGridPlume, WindConfig
+from simvehicle.config import FARTHEST_HOME_M, FaultSpec, GaussianPlume, LocusGridPlume, WindConfig
 from simvehicle.instruments import make_emulator
 
 Flavour = Literal["ardupilot", "px4"]
@@ -212,10 +212,9 @@ class _Checks:
     def run(self) -> Survey:
         drones = self._drones()
         self._launch_points(drones)
-        self._altitudes()
         fence = self._geofence()
-        self._as_agents_see_it(drones, fence)
         self._in_the_fence(drones, fence)
+        self._as_agents_see_it(drones, fence)
         self._emulated(drones)
         self._faults(drones)
         return Survey(self._config, drones, fence, tuple(self._warnings))
@@ -238,6 +237,7 @@ class _Checks:
                 limits=config.limits,
                 geofence=fence,
                 strategy=config.strategy,
+                seed=config.seed,
             )
             for field, problem in problems(seen):
                 own = field.startswith("instruments") and self._has_own_instruments(index)
@@ -274,6 +274,12 @@ class _Checks:
 
     def _launch_points(self, drones: tuple[SurveyDrone, ...]) -> None:
         separation_m = self._config.limits.separation_m
+        for index, drone in enumerate(drones):
+            if max(abs(drone.home_north_m), abs(drone.home_east_m)) > FARTHEST_HOME_M:
+                raise self._fail(
+                    self._place(index, "home_north_m"),
+                    f"drone {drone.id} starts more than {FARTHEST_HOME_M / 1000:g} km from the origin",
+                )
         for (_, a), (index, b) in itertools.combinations(enumerate(drones), 2):
             apart_m = math.hypot(a.home_north_m - b.home_north_m, a.home_east_m - b.home_east_m)
             if apart_m < separation_m:
@@ -292,40 +298,24 @@ class _Checks:
                 except SensorError as error:
                     raise self._fail(f"{field}[{place}].type", str(error)) from error
 
-    def _altitudes(self) -> None:
-        formation, limits = self._config.formation, self._config.limits
-        if not limits.floor_above_home_m < formation.above_home_m < limits.ceiling_above_home_m:
-            raise self._fail(
-                "formation.above_home_m",
-                f"{formation.above_home_m:g} m is not between the floor ({limits.floor_above_home_m:g} m) "
-                f"and the ceiling ({limits.ceiling_above_home_m:g} m) of limits",
-            )
-        if formation.above_home_m - limits.floor_above_home_m < limits.separation_m:
-            raise self._fail(
-                "formation.above_home_m",
-                f"below {formation.above_home_m:g} m there is no room over limits.floor_above_home_m = "
-                f"{limits.floor_above_home_m:g} m for an heir to pass under the others; fly higher",
-            )
-        if formation.layer_gap_m < limits.separation_m:
-            raise self._fail(
-                "formation.layer_gap_m",
-                f"{formation.layer_gap_m:g} m between layers is less than limits.separation_m = "
-                f"{limits.separation_m:g} m; drones crossing in two layers would come too near",
-            )
-
     def _geofence(self) -> Geofence | None:
         given = self._config.geofence
         if given is None:
             return None
         areas = (given.inclusion, given.exclusion, given.inclusion_circles, given.exclusion_circles)
         if given.file is None:
-            return Geofence(*areas)
+            return self._checked(Geofence(*areas), "geofence")
         if any(areas):
             raise self._fail("geofence.file", "give either a file or areas, not both")
         path = pathlib.Path(self._file).parent / given.file
         fence = read_plan(path).geofence
         if fence is None:
             raise self._fail("geofence.file", f"{path} has no geofence")
+        return self._checked(fence, "geofence.file")
+
+    def _checked(self, fence: Geofence, field: str) -> Geofence:
+        for problem in fence.problems():
+            raise self._fail(field, problem)
         return fence
 
     def _in_the_fence(self, drones: tuple[SurveyDrone, ...], fence: Geofence | None) -> None:
