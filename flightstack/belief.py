@@ -16,6 +16,9 @@ from flightstack.wire import Command, DroneState, GroundBeat, Traffic, TrafficVe
 from mission.frames import LocalFrame
 from mission.observation import Neighbour, Scalar
 
+ADRIFT_S = 5.0
+"""A peer whose agent has been silent for so long does not make way any more."""
+
 OBSTACLE_MEMORY_S = 3600.0
 """How long a silent flying peer is kept in mind as an obstacle: longer than a battery lasts."""
 
@@ -94,13 +97,19 @@ class Belief:
                 state.airborne,
                 _aged(state.excess_co2_ppm, age_s),
                 state.wind,
+                age_s > ADRIFT_S,
             )
         for drone, (vehicle, at_s) in self._traffic.items():
             age_s = now_s - at_s
             known = found.get(drone)
             if age_s <= OBSTACLE_MEMORY_S and (known is None or age_s < known.age_s):
                 found[drone] = Neighbour(
-                    drone, vehicle.position_ned_m, vehicle.velocity_ned_mps, age_s, vehicle.airborne
+                    drone,
+                    vehicle.position_ned_m,
+                    vehicle.velocity_ned_mps,
+                    age_s,
+                    vehicle.airborne,
+                    adrift=True,
                 )
         return tuple(found[drone] for drone in sorted(found))
 

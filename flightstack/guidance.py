@@ -17,9 +17,6 @@ CORRIDOR_M = 1.5
 """Horizontal distance below which a drone counts as above or below its target."""
 
 
-SILENT_S = 5.0
-"""A flying drone that has been silent for so long will not make way."""
-
 PARKED_M = 3.0
 """Room to a drone on the ground."""
 
@@ -73,7 +70,7 @@ def landing_point(
     A drone whose agent died may hover over the launch line until its battery is empty. Then the nearest point of a
     2 m grid around home is taken that keeps `room_m` from its column and `PARKED_M` from drones on the ground.
     """
-    blocked = [n for n in neighbours if n.airborne and n.age_s > SILENT_S]
+    blocked = [n for n in neighbours if n.airborne and n.adrift]
     parked = [n.position_ned_m for n in neighbours if not n.airborne]
 
     def free(point: Vector3) -> bool:

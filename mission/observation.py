@@ -94,6 +94,8 @@ class Neighbour(msgspec.Struct, frozen=True):
     airborne: bool
     excess_co2_ppm: Scalar | None = None
     wind: Wind | None = None
+    adrift: bool = False
+    """Its agent is silent: it will not make way, wherever the ground station says that it is."""
 
 
 class TreePlace(msgspec.Struct, frozen=True):

@@ -101,6 +101,7 @@ def test_the_ground_station_knows_where_an_orphan_is(belief: Belief) -> None:
     (neighbour,) = belief.neighbours(20.0)
     assert neighbour.position_ned_m == (40.0, 2.0, -15.0)
     assert neighbour.age_s == pytest.approx(0.2)
+    assert neighbour.adrift
 
 
 def test_the_ground_is_heard(belief: Belief) -> None:

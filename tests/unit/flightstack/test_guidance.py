@@ -51,8 +51,8 @@ def test_the_heir_crosses_underneath(start: Vector3, target: Vector3) -> None:
         assert not away_from_both or point[2] >= layer_m - 0.7 - STEP_M
 
 
-def hovering(position: Vector3, *, age_s: float = 60.0, airborne: bool = True) -> Neighbour:
-    return Neighbour(9, position, (0.0, 0.0, 0.0), age_s, airborne)
+def hovering(position: Vector3, *, adrift: bool = True, airborne: bool = True) -> Neighbour:
+    return Neighbour(9, position, (0.0, 0.0, 0.0), 0.2, airborne, adrift=adrift)
 
 
 def everywhere(_north_m: float, _east_m: float) -> bool:
@@ -62,7 +62,7 @@ def everywhere(_north_m: float, _east_m: float) -> bool:
 def test_home_is_where_one_lands_unless_somebody_hovers_there_for_good() -> None:
     home: Vector3 = (10.0, 5.0, 0.0)
     assert landing_point(home, (), 7.0, everywhere) == home
-    passing = hovering((11.0, 5.0, -20.0), age_s=0.2)
+    passing = hovering((11.0, 5.0, -20.0), adrift=False)
     assert landing_point(home, (passing,), 7.0, everywhere) == home
     orphan = hovering((11.0, 5.0, -10.0))
     beside = landing_point(home, (orphan,), 7.0, everywhere)
