@@ -100,7 +100,9 @@ def main() -> None:
 
 def report(what: str, measured: float, unit: str, target: float | None) -> None:
     """Print one line; leave with an error where the target is missed."""
-    verdict = "" if target is None else f"target {target:g} {unit}: {'ok' if measured <= target else 'MISSED'}"
+    verdict = (
+        "" if target is None else f"target {target:g} {unit}: {'ok' if measured <= target else 'MISSED'}"
+    )
     print(f"  {what:<32} {measured:10.3f} {unit:<4} {verdict}")
     if target is not None and measured > target:
         raise SystemExit(f"{what}: {measured:.3f} {unit} is over the target of {target:g} {unit}")
