@@ -55,12 +55,12 @@ class Co2FilterConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     """Correlation time T of the concentration's rate along the drone's way."""
     rate_floor_ppmps: float = 1.0
     """Standard deviation of the rate in clean air."""
-    plume_rate_ppmps: float = 30.0
+    plume_rate_ppmps: float = 60.0
     """The same in a plume, at least."""
     rate_per_s: float = 0.7
     """What the rate's standard deviation in a plume grows by with the concentration: edges scale with the
     core."""
-    calm_time_s: float = 60.0
+    calm_time_s: float = 80.0
     """How long the air stays clean on average."""
     plume_time_s: float = 5.0
     """How long a plume lasts on average, as the drone flies through it."""

@@ -18,6 +18,8 @@ class WindFilterConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     1988)."""
     mean_sd_mps: float = 6.0
     """Standard deviation of the mean wind before anything is known."""
+    mean_vertical_sd_mps: float = 1.0
+    """The same for the vertical: over more than a few seconds air near the ground hardly rises or sinks."""
     mean_walk_mps_per_sqrt_min: float = 0.7
     """Random walk of the mean wind: standard deviation after a minute."""
     anemometer_sd_mps: float = 0.3

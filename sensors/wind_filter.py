@@ -81,8 +81,8 @@ class WindFilter:
     def _reset(self) -> None:
         config = self.config
         self._kf.x = np.zeros(_STATES)
-        mean, gust = config.mean_sd_mps**2 * self._shares, config.gust_sd_mps**2 * self._shares
-        self._kf.P = np.diag(np.concatenate((mean, gust)))
+        mean = np.array((config.mean_sd_mps, config.mean_sd_mps, config.mean_vertical_sd_mps)) ** 2
+        self._kf.P = np.diag(np.concatenate((mean, config.gust_sd_mps**2 * self._shares)))
         self._time_s = None
         self._heard_s.clear()
         self._refused.clear()

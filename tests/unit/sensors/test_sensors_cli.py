@@ -49,7 +49,7 @@ def recording(tmp_path: pathlib.Path) -> pathlib.Path:
         Sample(
             0.1 * i, "sba5", InstrumentState.MEASURING, co2_ppm=420.0 + (i * 7 % 5) / 2, quantity=Quantity.CO2
         )
-        for i in range(200)
+        for i in range(80)
     ]
     samples.insert(
         50, Sample(5.0, "sba5", InstrumentState.ZEROING, reason="zeroing 1 of 25", quantity=Quantity.CO2)
@@ -106,7 +106,7 @@ def test_tune_prints_noise_and_lag(recording: pathlib.Path) -> None:
     (found,) = lines(run("tune", recording, "--json"))
     assert found["noise_ppm"] > 0.0
     assert found["lag_s"] > 0.0
-    assert found["readings"] == 200
+    assert found["readings"] == 80
     text = run("tune", recording)
     assert "lag_s" in text
     assert "noise_ppm" in text

@@ -53,7 +53,7 @@ def settle(
     return estimate
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(
     wind=st.tuples(speeds, speeds, st.floats(-1.0, 1.0)),
     velocity=st.tuples(speeds, speeds, st.floats(-2.0, 2.0)),
@@ -94,7 +94,7 @@ def test_tilt_against_drag_in_steady_flight(
     roll = math.atan2(right * math.cos(pitch), GRAVITY_MPS2)
     motion = VehicleMotion((roll, pitch, yaw), (*velocity, 0.0))
     assert thrust_ned_mps2(motion.attitude_rad, 0.0) == pytest.approx(tuple(push), abs=1e-6)
-    estimate = settle(WindFilter(WindFilterConfig(drag=drag)), None, motion, seconds=40.0)
+    estimate = settle(WindFilter(WindFilterConfig(drag=drag)), None, motion, seconds=30.0)
     assert estimate.wind_ned_mps[:2] == pytest.approx(wind, abs=0.4)
     assert estimate.sources == ("tilt",)
 
@@ -146,8 +146,8 @@ def test_losing_the_anemometer_is_told_and_the_tilt_takes_over() -> None:
     good = settle(filter_, lambda now_s: mast(now_s, felt(wind, hover)), hover)
     assert (good.health, good.sources) == (Health.GOOD, ("mast", "tilt"))
     lost = Sample(20.0, "mast", InstrumentState.SILENT, reason="unplugged", quantity=Quantity.WIND)
-    estimate = filter_.step(20.0, [lost], hover)
-    for tick in range(201, 400):
+    estimate = filter_.step(12.0, [lost], hover)
+    for tick in range(121, 320):
         estimate = filter_.step(0.1 * tick, [], hover)
     assert estimate is not None
     assert (estimate.health, estimate.reason) == (Health.DEGRADED, "mast: unplugged")
@@ -160,11 +160,11 @@ def test_wild_readings_are_refused_until_they_insist() -> None:
     filter_ = WindFilter(WindFilterConfig(drag=None))
     hover = VehicleMotion((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     settle(filter_, lambda now_s: mast(now_s, (2.0, 0.0, 0.0)), hover)
-    spark = filter_.step(20.0, [mast(20.0, (30.0, 0.0, 0.0))], hover)
+    spark = filter_.step(12.0, [mast(12.0, (30.0, 0.0, 0.0))], hover)
     assert spark is not None
     assert spark.wind_ned_mps[0] == pytest.approx(2.0, abs=0.5)
     estimate = spark
-    for tick in range(201, 260):
+    for tick in range(121, 180):
         estimate = filter_.step(0.1 * tick, [mast(0.1 * tick, (12.0, 0.0, 0.0))], hover) or estimate
     assert estimate.wind_ned_mps[0] == pytest.approx(12.0, abs=0.5)
 
@@ -173,7 +173,7 @@ def test_without_news_it_ages_and_ends() -> None:
     filter_ = WindFilter(WindFilterConfig(drag=None))
     hover = VehicleMotion((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     fresh = settle(filter_, lambda now_s: mast(now_s, (2.0, 0.0, 0.0)), hover)
-    old = filter_.step(26.0, [], hover)
+    old = filter_.step(18.0, [], hover)
     assert old is not None
     assert (old.health, old.age_s) == (Health.DEGRADED, pytest.approx(6.1))
     assert old.variance_m2ps2 > 2.0 * fresh.variance_m2ps2
