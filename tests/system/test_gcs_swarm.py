@@ -5,18 +5,13 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import pty
 import re
 import signal
 import socket
-import struct
 import subprocess
 import sys
-import termios
 import threading
-import time
 from collections.abc import Iterator
-from fcntl import ioctl
 
 import msgspec
 import pytest
@@ -232,79 +227,24 @@ def test_the_station_records_the_swarm_and_ends_cleanly(site, tmp_path):
     assert any(topic.startswith("/command/") for topic in heard)
 
 
-class Terminal:
-    """A program on a terminal of 80 by 24, and what it shows."""
-
-    def __init__(self, *arguments: str) -> None:
-        self._master, slave = pty.openpty()
-        ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
-        environment = {k: v for k, v in os.environ.items() if k not in ("COLUMNS", "LINES", "NO_COLOR", "CI")}
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "gcs.cli", *arguments],
-            stdin=slave,
-            stdout=slave,
-            stderr=slave,
-            env=environment | {"TERM": "xterm-256color"},
-            start_new_session=True,
-        )
-        os.close(slave)
-        self.output = b""
-        self._reader = threading.Thread(target=self._read)
-        self._reader.start()
-
-    def _read(self) -> None:
-        with contextlib.suppress(OSError):  # the other end is closed when the program has ended
-            while data := os.read(self._master, 65536):
-                self.output += data
-
-    def frames(self) -> list[list[str]]:
-        """All whole pictures so far, as lines without colours: each begins by homing the cursor."""
-        text = self.output.decode(errors="replace")
-        pictures = text.split("\x1b[H")[1:-1]
-        return [
-            [line.rstrip() for line in re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", picture).splitlines()]
-            for picture in pictures
-        ]
-
-    def wait_for(self, words: str, seconds: float = 30.0) -> list[str]:
-        deadline = time.monotonic() + seconds
-        while time.monotonic() < deadline:
-            for frame in self.frames():
-                if any(words in line for line in frame):
-                    return frame
-            time.sleep(0.1)
-        raise AssertionError(f"{words!r} never appeared in {self.frames()[-1:]}")
-
-    def close(self) -> None:
-        if self.process.poll() is None:
-            self.process.kill()
-        self.process.wait(20)
-        self._reader.join(20)
-        os.close(self._master)
-
-
-def test_watch_draws_the_swarm_and_ends_with_ctrl_c(site):
+def test_watch_draws_the_swarm_and_ends_with_ctrl_c(site, open_terminal):
     path, endpoint = site
     with serving(path), agents(endpoint) as swarm:
-        terminal = Terminal("watch", "--config", str(path))
-        try:
-            frame = terminal.wait_for("3 of 3 live")
-            assert len(frame) <= 24
-            assert max(map(len, frame)) <= 80
-            (row,) = [line for line in frame if re.match(r"  3 [A-Z]", line)]
-            for word in ("LIVE", "searching", "GUIDED", "13.0", "43", "3.0/000", "90%", "2<1"):
-                assert word in row.split(), word
-            swarm.silent.add(3)
-            frame = terminal.wait_for("CRIT lost")
-            (row,) = [line for line in frame if re.match(r"  3 [A-Z]", line)]
-            assert "SILENT" in row
-            os.killpg(terminal.process.pid, signal.SIGINT)
-            assert terminal.process.wait(20) == 0
-            terminal._reader.join(20)
-            assert b"Traceback" not in terminal.output
-            assert b"\x1b[?25h" in terminal.output, "the cursor is given back"
-        finally:
-            terminal.close()
+        terminal = open_terminal(sys.executable, "-m", "gcs.cli", "watch", "--config", str(path))
+        frame = terminal.wait_for("3 of 3 live")
+        assert len(frame) <= 24
+        assert max(map(len, frame)) <= 80
+        (row,) = [line for line in frame if re.match(r"  3 [A-Z]", line)]
+        for word in ("LIVE", "searching", "GUIDED", "13.0", "43", "3.0/000", "90%", "2<1"):
+            assert word in row.split(), word
+        swarm.silent.add(3)
+        frame = terminal.wait_for("CRIT lost")
+        (row,) = [line for line in frame if re.match(r"  3 [A-Z]", line)]
+        assert "SILENT" in row
+        os.killpg(terminal.process.pid, signal.SIGINT)
+        assert terminal.finish() == 0
+        assert b"Traceback" not in terminal.output
+        assert b"\x1b[?25h" in terminal.output, "the cursor is given back"
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import pathlib
 import signal
 import socket
 import subprocess
@@ -204,44 +205,7 @@ def test_an_orphan_is_brought_home(tmp_path):
     assert {(1, "HEARTBEAT"), (1, "GLOBAL_POSITION_INT"), (255, "COMMAND_LONG"), (1, "COMMAND_ACK")} <= kinds
 
 
-PLAN = {
-    "fileType": "Plan",
-    "version": 1,
-    "groundStation": "QGroundControl",
-    "geoFence": {
-        "version": 2,
-        "circles": [
-            {"version": 1, "inclusion": False, "circle": {"center": [-5.0592, 151.3006], "radius": 15.0}}
-        ],
-        "polygons": [
-            {
-                "version": 1,
-                "inclusion": True,
-                "polygon": [[-5.061, 151.299], [-5.061, 151.301], [-5.059, 151.301], [-5.059, 151.299]],
-            }
-        ],
-    },
-    "rallyPoints": {"version": 2, "points": [[-5.0598, 151.3001, 20.0]]},
-    "mission": {
-        "version": 2,
-        "firmwareType": 3,
-        "vehicleType": 2,
-        "plannedHomePosition": [-5.06, 151.3, 500.0],
-        "items": [
-            {
-                "type": "SimpleItem",
-                "command": command,
-                "frame": 3,
-                "params": [0, 0, 0, None, latitude, longitude, 20.0],
-                "autoContinue": True,
-                "doJumpId": number,
-            }
-            for number, (command, latitude, longitude) in enumerate(
-                [(22, -5.06, 151.3), (16, -5.0597, 151.3003), (16, -5.0596, 151.3)], 1
-            )
-        ],
-    },
-}
+PLAN = pathlib.Path(__file__).parents[1] / "data" / "plans" / "crater.plan"
 
 
 @pytest.fixture(scope="module", params=["ardupilot", "px4"])
@@ -260,9 +224,8 @@ def gcs(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 def test_a_plan_goes_up_and_comes_back(link, tmp_path):
     flavour, text = link
-    plan, back = tmp_path / "a.plan", tmp_path / "b.plan"
-    plan.write_text(json.dumps(PLAN))
-    done = gcs("plan", "upload", str(plan), "--drone", "2", "--link", text, "--json")
+    back = tmp_path / "back.plan"
+    done = gcs("plan", "upload", str(PLAN), "--drone", "2", "--link", text, "--json")
     assert done.returncode == 0, done.stderr
     report = json.loads(done.stdout)
     assert (report["items"], report["rally_points"]) == (3, 1)
@@ -280,11 +243,9 @@ def test_a_plan_goes_up_and_comes_back(link, tmp_path):
     assert items[1]["params"][4:6] == pytest.approx([-5.0597, 151.3003], abs=1e-6)
 
 
-def test_a_fence_is_set_to_act(link, tmp_path):
+def test_a_fence_is_set_to_act(link):
     flavour, text = link
-    plan = tmp_path / "a.plan"
-    plan.write_text(json.dumps(PLAN))
-    done = gcs("fence", "upload", str(plan), "--drone", "1", "--link", text, "--action", "land", "--json")
+    done = gcs("fence", "upload", str(PLAN), "--drone", "1", "--link", text, "--action", "land", "--json")
     assert done.returncode == 0, done.stderr
     name, value = ("FENCE_ACTION", 2.0) if flavour == "ardupilot" else ("GF_ACTION", 5.0)
     done = gcs("param", "get", name, "--drone", "1", "--link", text, "--json")
