@@ -35,13 +35,17 @@ def complete(
     report = progress or _silent
     report(done, total)
     if missing:
-        finished = _on_cluster(run, missing, scheduler) if scheduler else _on_cores(run, missing, jobs)
-        with contextlib.closing(finished):
+        with contextlib.closing(spread(run, missing, jobs=jobs, scheduler=scheduler)) as finished:
             for block, rows in finished:
                 store.add(block, rows)
                 done += block.count
                 report(done, total)
     return store.rows()
+
+
+def spread(run: Run, missing: Sequence[Block], *, jobs: int = 1, scheduler: str | None = None) -> Finished:
+    """Do these blocks of `run`; each comes with its rows as it is finished."""
+    return _on_cluster(run, missing, scheduler) if scheduler else _on_cores(run, missing, jobs)
 
 
 def _silent(done: int, total: int) -> None:

@@ -42,12 +42,18 @@ _RULES = (
 )
 
 
+_MISSION = ("formation", "tree", "search/gradient", "search/mobs", "search/spiral")
+_TRIALS = ("cell", "compiled", "engine", "flight", "locus", "luck", "mobs", "motion", "outcome", "plume")
+
+
 def _source_identity() -> str:
     """A short hash of every source file that a trial's outcome depends on."""
+    rules, world = pathlib.Path(str(mission.__file__)).parent, pathlib.Path(__file__).parents[1]
+    files = [rules / f"{name}.py" for name in _MISSION]
+    files += [world / "trials" / f"{name}.py" for name in _TRIALS]
+    files.append(world / "plumes.py")
     digest = hashlib.sha256(numba.__version__.encode())
-    roots = [pathlib.Path(str(mission.__file__)).parent, pathlib.Path(__file__).parent]
-    extra = [pathlib.Path(__file__).parents[1] / "plumes.py"]
-    for path in sorted(file for root in roots for file in root.rglob("*.py")) + extra:
+    for path in files:
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 

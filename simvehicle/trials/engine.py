@@ -37,8 +37,8 @@ from simvehicle.trials.luck import (
     START,
     WORLD,
     geometric_tick,
-    hazard_limit,
     open_stream,
+    survival_limit,
     uniform,
 )
 from simvehicle.trials.mobs import fly_mobs
@@ -67,8 +67,8 @@ def new_drones(count: int, limit: int, legs: FloatArray) -> Drones:
         np.zeros((count, 2)),
         np.ones(count, np.int64),
         np.full(count, NEVER),
-        np.full(count, math.inf),
         np.zeros(count),
+        np.ones(count),
         np.zeros((count, ROW)),
         np.zeros(count, np.int64),
         np.full(count, NEVER),
@@ -105,13 +105,13 @@ def prepare_drones(drones: Drones, first: int, setup: FloatArray, seed: int, tri
         open_stream(stream, seed, trial, START + first + i)
         for place in range(ROW):
             drones.rows[i, place] = 0.0
-        drones.hazard[i] = 0.0
+        drones.survival[i] = 1.0
         drones.rows[i, X] = _START_M * (2.0 * uniform(stream) - 1.0)
         drones.rows[i, Y] = _START_M * (2.0 * uniform(stream) - 1.0)
         open_stream(stream, seed, trial, GENERIC + first + i)
         drones.fails[i] = geometric_tick(uniform(stream), setup[GENERIC_RATE])
         open_stream(stream, seed, trial, IN_PLUME + first + i)
-        drones.limits[i] = hazard_limit(uniform(stream))
+        drones.limits[i] = survival_limit(uniform(stream))
 
 
 @kernel

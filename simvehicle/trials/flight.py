@@ -6,7 +6,6 @@ where something can happen: for a drone whose way passes the plume or the source
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 from mission.formation import FloatArray, IntArray
@@ -22,6 +21,7 @@ from simvehicle.trials.motion import (
     first_inside,
     fly,
     freeze,
+    pd_place,
     pd_tick,
 )
 from simvehicle.trials.plume import HIGH_X, HIGH_Y, LOW_X, LOW_Y, SOURCE_X, SOURCE_Y, reading
@@ -82,9 +82,9 @@ class Drones(NamedTuple):
     fails: IntArray
     """The tick at which a drone fails of itself."""
     limits: FloatArray
-    """The hazard at which it fails in the plume."""
-    hazard: FloatArray
-    """The hazard that it has collected."""
+    """It fails in the plume when its chance to have survived so far falls below this."""
+    survival: FloatArray
+    """That chance."""
     ahead: FloatArray
     """(n, ROW) scratch: the states from which the present leg's arrival is found."""
     begun: IntArray
@@ -148,7 +148,7 @@ def walk(
     ty: float,
     start_tick: int,
     ticks: int,
-    hazard: float,
+    survival: float,
     limit: float,
     want_contact: bool,
     work: FloatArray,
@@ -156,39 +156,56 @@ def walk(
 ) -> float:
     """Walk through `ticks` ticks of a leg; `found` gets the ticks of failure, first contact and success.
 
-    Returns the hazard at the end. A drone that fails at a tick reads nothing and finds nothing there.
+    Returns the chance to have survived the plume until the end. A drone that fails at a tick reads nothing and
+    finds nothing there.
     """
     found[FAILURE] = NEVER
-    found[FIRST_CONTACT] = NEVER
-    found[FIRST_SUCCESS] = NEVER
-    world = scene.world
+    first_contact = NEVER
+    first_success = NEVER
+    world, plume, grid = scene.world, scene.plume, scene.grid
+    origin_x, origin_y = world[ORIGIN_X], world[ORIGIN_Y]
+    draws = int(world[IN_PLUME_DRAWS])
     rate = world[IN_PLUME_RATE]
     near2 = world[SUCCESS_M] * world[SUCCESS_M]
-    source_x = world[ORIGIN_X] + scene.plume[SOURCE_X]
-    source_y = world[ORIGIN_Y] + scene.plume[SOURCE_Y]
+    source_x = origin_x + plume[SOURCE_X]
+    source_y = origin_y + plume[SOURCE_Y]
     copy_row(start, work)
+    free = False
+    begun = 0
     for k in range(1, ticks + 1):
-        if scene.motion[0] == PD:
-            pd_tick(work, 0, tx)
-            pd_tick(work, 1, ty)
+        if scene.motion[0] == PD and not free:
+            clamped_x = pd_tick(work, 0, tx)
+            clamped_y = pd_tick(work, 1, ty)
+            x, y = work[X], work[Y]
+            free = not (clamped_x or clamped_y)
+            begun = k
+        elif scene.motion[0] == PD and k - begun < scene.powers.shape[0]:
+            x, y = pd_place(work, tx, ty, scene.powers, k - begun)
         else:
             copy_row(start, work)
             fly(scene.motion, work, tx, ty, k, scene.powers)
-        if rate > 0.0 or (want_contact and found[FIRST_CONTACT] == NEVER):
-            value = read_at(scene, work, start_tick + k)
+            x, y = work[X], work[Y]
+        if rate > 0.0 or (want_contact and first_contact == NEVER):
+            value = reading(plume, grid, x - origin_x, y - origin_y, (start_tick + k) / TICKS_PER_S)
             if value > 0.0:
-                if rate > 0.0:
-                    chance = min(rate * value, 1.0)
-                    hazard += world[IN_PLUME_DRAWS] * (-math.log1p(-chance) if chance < 1.0 else math.inf)
-                    if hazard >= limit:
-                        found[FAILURE] = k
-                        return hazard
-                found[FIRST_CONTACT] = min(found[FIRST_CONTACT], k)
-        dx = work[X] - source_x
-        dy = work[Y] - source_y
-        if dx * dx + dy * dy < near2:
-            found[FIRST_SUCCESS] = min(found[FIRST_SUCCESS], k)
-    return hazard
+                if first_contact == NEVER:
+                    first_contact = k
+                kept = 1.0 - rate * value
+                if kept < 0.0:
+                    kept = 0.0
+                for _ in range(draws):
+                    survival *= kept
+                if survival < limit:
+                    # Its contact was at an earlier tick, or not at all.
+                    found[FAILURE] = k
+                    break
+        dx = x - source_x
+        dy = y - source_y
+        if first_success == NEVER and dx * dx + dy * dy < near2:
+            first_success = k
+    found[FIRST_CONTACT] = first_contact if first_contact != found[FAILURE] else NEVER
+    found[FIRST_SUCCESS] = first_success
+    return survival
 
 
 @kernel
@@ -256,7 +273,7 @@ def _walk_drone(scene: Scene, drones: Drones, i: int, ticks: int, want_contact: 
         drones.targets[i, 1],
         drones.tally[NOW],
         ticks,
-        drones.hazard[i],
+        drones.survival[i],
         drones.limits[i],
         want_contact,
         drones.work,
@@ -296,7 +313,7 @@ def _watch(scene: Scene, drones: Drones, end: int) -> int:
         in_plume = wanted and passes_plume(scene, drones.rows[i], tx, ty)
         if in_plume or passes_source(scene, drones.rows[i], tx, ty):
             ticks = min(end, drones.ends[i] - 1)
-            drones.hazard[i] = _walk_drone(scene, drones, i, ticks, want_contact)
+            drones.survival[i] = _walk_drone(scene, drones, i, ticks, want_contact)
             success = min(success, drones.found[FIRST_SUCCESS])
             if drones.found[FIRST_CONTACT] < contact:
                 contact = drones.found[FIRST_CONTACT]

@@ -60,10 +60,10 @@ def geometric_tick(draw: float, probability: float) -> int:
 
 
 @compiled
-def hazard_limit(draw: float) -> float:
-    """The sum of -log(1 - p) over ticks at which a drone with this `draw` fails.
+def survival_limit(draw: float) -> float:
+    """A drone with this uniform `draw` fails when its chance to have survived so far falls below this.
 
-    Drawing once and adding up is the same as drawing at every tick with that tick's p (inverse
+    Drawing once and multiplying up is the same as drawing at every tick with that tick's probability (inverse
     transform), and pairs the trials: the same drone is the unlucky one at every failure rate.
     """
-    return -math.log1p(-draw)
+    return 1.0 - draw

@@ -59,14 +59,14 @@ def fly_mobs(
         in_plume = passes_plume(scene, row, tx, ty)
         wanted = in_plume and (contact == NEVER or scene.world[IN_PLUME_RATE] > 0.0)
         if wanted or passes_source(scene, row, tx, ty):
-            drones.hazard[drone] = walk(
+            drones.survival[drone] = walk(
                 scene,
                 row,
                 tx,
                 ty,
                 now,
                 min(ticks, failure - 1),
-                drones.hazard[drone],
+                drones.survival[drone],
                 drones.limits[drone],
                 contact == NEVER,
                 drones.work,

@@ -114,10 +114,18 @@ def _pd_free(row: FloatArray, tx: float, ty: float, most: int) -> int:
 
 
 @kernel
+def pd_place(row: FloatArray, tx: float, ty: float, powers: FloatArray, k: int) -> tuple[float, float]:
+    """Where a drone in state `row` is `k` ticks after the clamp has let go."""
+    return (
+        tx + powers[k, 0, 0] * (row[X] - tx) + powers[k, 0, 1] * row[VX] + powers[k, 0, 2] * row[AX],
+        ty + powers[k, 0, 0] * (row[Y] - ty) + powers[k, 0, 1] * row[VY] + powers[k, 0, 2] * row[AY],
+    )
+
+
+@kernel
 def _pd_inside(row: FloatArray, tx: float, ty: float, powers: FloatArray, k: int) -> bool:
-    dx = powers[k, 0, 0] * (row[X] - tx) + powers[k, 0, 1] * row[VX] + powers[k, 0, 2] * row[AX]
-    dy = powers[k, 0, 0] * (row[Y] - ty) + powers[k, 0, 1] * row[VY] + powers[k, 0, 2] * row[AY]
-    return bool(abs(dx) < ARRIVED_M and abs(dy) < ARRIVED_M)
+    x, y = pd_place(row, tx, ty, powers, k)
+    return bool(abs(x - tx) < ARRIVED_M and abs(y - ty) < ARRIVED_M)
 
 
 @kernel

@@ -25,6 +25,7 @@ PlumeName = Literal["locus-grid", "gaussian"]
 
 # Places in a plume's numbers.
 KIND, SOURCE_X, SOURCE_Y, LOW_X, HIGH_X, LOW_Y, HIGH_Y, VENT, HEIGHT, PEAK, WIND, WAVES = range(12)
+_CELLS_PER_M = 1.0 / LOCUS_CELL_M
 WAVE_COUNT = 4
 NUMBERS = WAVES + 2 * WAVE_COUNT
 GRID, GAUSSIAN = 0, 1
@@ -89,24 +90,27 @@ def gaussian_value(plume: FloatArray, x: float, y: float) -> float:
 
 
 @kernel
-def reading(plume: FloatArray, grid: FloatArray, x: float, y: float, time_s: float) -> float:
-    """What a sensor at (x, y) north and east of the plume's origin reads, in [0, 1]."""
-    if plume[KIND] == GRID:
-        row = math.floor(x / LOCUS_CELL_M)
-        column = math.floor((y + LOCUS_WIDTH_M / 2.0) / LOCUS_CELL_M)
-        if 0 <= row < grid.shape[0] and 0 <= column < grid.shape[1]:
-            return float(grid[int(row), int(column)])
-        return 0.0
+def _meandering_value(plume: FloatArray, x: float, y: float, time_s: float) -> float:
+    """The Gaussian plume, shifted sideways by what the crosswind's waves did to the puff that is now at x."""
     shift = 0.0
     if x > 0.0 and plume[WAVES] > 0.0:
         left_s = time_s - x / plume[WIND]
         for wave in range(WAVE_COUNT):
             omega = _OMEGA_RADPS[wave]
             phase = plume[WAVES + WAVE_COUNT + wave]
-            shift += (
-                plume[WAVES + wave]
-                / omega
-                * (math.sin(omega * time_s + phase) - math.sin(omega * left_s + phase))
-            )
+            swing = math.sin(omega * time_s + phase) - math.sin(omega * left_s + phase)
+            shift += plume[WAVES + wave] / omega * swing
     value = gaussian_value(plume, x, y - shift)
     return value if value >= LOCUS_CUT else 0.0
+
+
+@kernel
+def reading(plume: FloatArray, grid: FloatArray, x: float, y: float, time_s: float) -> float:
+    """What a sensor at (x, y) north and east of the plume's origin reads, in [0, 1]."""
+    if plume[KIND] != GRID:
+        return _meandering_value(plume, x, y, time_s)
+    rows = x * _CELLS_PER_M
+    columns = (y + LOCUS_WIDTH_M / 2.0) * _CELLS_PER_M
+    if 0.0 <= rows < grid.shape[0] and 0.0 <= columns < grid.shape[1]:
+        return float(grid[np.uint64(rows), np.uint64(columns)])  # unsigned: no counting from the end
+    return 0.0

@@ -48,16 +48,16 @@ class Axis:
 
 
 class SharedLuck:
-    """The fast engine's luck: its streams, its ticks of failure, its hazards."""
+    """The fast engine's luck: its streams, its ticks of failure, its chances of survival."""
 
     def __init__(self, cell: Cell, seed: int, trial: int) -> None:
         self._cell, self._seed, self._trial = cell, seed, trial
-        self._hazard = np.zeros(cell.drones)
+        self._survival = np.ones(cell.drones)
         generic = cell.failure_rate if cell.failure == "generic" else 0.0
         self._fails = [
             luck.geometric_tick(self.draws(luck.GENERIC + i)(), generic) for i in range(cell.drones)
         ]
-        self._limits = [luck.hazard_limit(self.draws(luck.IN_PLUME + i)()) for i in range(cell.drones)]
+        self._limits = [luck.survival_limit(self.draws(luck.IN_PLUME + i)()) for i in range(cell.drones)]
 
     def draws(self, kind: int) -> Callable[[], float]:
         stream = np.zeros(1, np.uint64)
@@ -69,9 +69,8 @@ class SharedLuck:
             return True
         if self._cell.failure == "in-plume" and value > 0.0:
             chance = min(self._cell.failure_rate * value, 1.0)
-            more = -math.log1p(-chance) if chance < 1.0 else math.inf
-            self._hazard[drone] += self._cell.in_plume_draws * more
-        return bool(self._hazard[drone] >= self._limits[drone])
+            self._survival[drone] *= (1.0 - chance) ** self._cell.in_plume_draws
+        return bool(self._survival[drone] < self._limits[drone])
 
 
 class OwnLuck:
