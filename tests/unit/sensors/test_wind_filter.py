@@ -42,7 +42,7 @@ def mast(time_s: float, vector: Vector3, *, flat: bool = False, name: str = "mas
 
 
 def settle(
-    filter_: WindFilter, sample_of: object, motion: VehicleMotion, seconds: float = 20.0
+    filter_: WindFilter, sample_of: object, motion: VehicleMotion, seconds: float = 12.0
 ) -> WindEstimate:
     estimate = None
     for tick in range(round(seconds / 0.1)):
