@@ -31,7 +31,7 @@ check: $(STAMP) ## format, lint, types, import arrows, fast tests
 	$(BIN)/python -m pytest tests/unit tests/contract -q -n 2
 
 test: $(STAMP) ## all tests, with real processes, sockets and clients
-	$(BIN)/python -m pytest tests
+	$(BIN)/python -m pytest tests -n 2 --dist loadfile
 
 bench: $(STAMP) ## the figures of the documentation, measured on this machine
 	$(BIN)/python -m benchmarks
