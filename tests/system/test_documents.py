@@ -331,6 +331,16 @@ def test_a_documented_target_is_there(command: str, flown_commands: tuple[str, .
     assert flights or command != "make fly"
 
 
+def test_commands_are_found_wherever_they_stand(tmp_path: pathlib.Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(
+        "1. So:\n\n   ```sh\n   a --b \\\n     c  # why\n   # only words\n   d\n   ```\n\n```\nno sh\n```\n"
+    )
+    (language, text), (other, _) = blocks(page)
+    assert (language, other) == ("sh", "")
+    assert [command.split() for command in commands(text)] == [["a", "--b", "c"], ["d"]]
+
+
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: str(path.relative_to(REPOSITORY)))
 def test_what_a_document_names_is_there(path: pathlib.Path) -> None:
     text = path.read_text(encoding="utf-8")
