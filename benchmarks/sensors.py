@@ -166,6 +166,7 @@ def wind_figure() -> tuple[str, object]:
         truth(ax, flight.time_s, flight.truth_mps[:, 0])
         ax.set_ylabel("wind north, m/s")
         ax.set_title(title, loc="left")
+    axes[0].set_ylim(top=1.6 * axes[0].get_ylim()[1])
     axes[0].legend(loc="upper right", frameon=False, ncols=2)
     axes[1].set_xlabel("time, s")
     return "gusty-wind.png", figure

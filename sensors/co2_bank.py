@@ -17,6 +17,8 @@ import numpy as np
 from sensors.co2_model import STATES, Array
 
 _LEAST_CHANCE: Final = 1e-6
+_ROWS: Final = tuple(np.eye(STATES)[state : state + 1] for state in range(STATES))
+"""Measurement matrices: one state each."""
 
 Snapshot = tuple[Array, Array, Array, Array, float]
 """State and covariance of both filters, and the chance of the plume."""
@@ -78,21 +80,23 @@ class TwoModes:
         self.plume_chance = becomes_plume
         self._mixture = None
 
-    def innovation(self, z: float, variance: float, h: Array) -> tuple[float, float]:
-        """Distance of a measurement from the mixture's mean, and its squared distance in the likelier
+    def innovation(self, z: float, variance: float, state: int) -> tuple[float, float]:
+        """Distance of a measurement of one state from the mixture's mean, and squared in the likelier
         measure."""
-        nearest = math.inf
-        for kf in (self._calm, self._plume):
-            y = z - float(h[0] @ kf.x)
-            nearest = min(nearest, y * y / (float(h[0] @ kf.P @ h[0]) + variance))
-        return z - float(h[0] @ self.x), nearest
+        calm, plume = self._calm, self._plume
+        in_calm, in_plume = z - float(calm.x[state]), z - float(plume.x[state])
+        nearest = min(
+            in_calm * in_calm / (float(calm.P[state, state]) + variance),
+            in_plume * in_plume / (float(plume.P[state, state]) + variance),
+        )
+        return in_calm + self.plume_chance * (in_plume - in_calm), nearest
 
-    def correct(self, z: float, variance: float, h: Array, *, judge: bool = True) -> float:
-        """Both filters with one measurement; its log likelihood under the mixture.
+    def correct(self, z: float, variance: float, state: int, *, judge: bool = True) -> float:
+        """Both filters with a measurement of one state; its log likelihood under the mixture.
 
         Without `judge` the measurement does not change how likely each mode is.
         """
-        measured, noise = np.array([z]), np.array([[variance]])
+        measured, noise, h = np.array([z]), np.array([[variance]]), _ROWS[state]
         logs = []
         for kf in (self._calm, self._plume):
             kf.update(measured, noise, h)

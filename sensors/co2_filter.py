@@ -23,8 +23,6 @@ from sensors.samples import InstrumentState, Quantity, Sample
 
 __all__ = ["Co2Estimate", "Co2Filter", "Co2FilterConfig"]
 
-_H_READING: Final = np.array([[0.0, 0.0, 0.0, 1.0]])
-_H_EXCESS: Final = np.array([[1.0, 0.0, 0.0, 0.0]])
 _WILD_MOST: Final = 6
 _CLEAN_PERIOD_S: Final = 0.5
 _CLEAN_HOLD_S: Final = 20.0
@@ -209,7 +207,7 @@ class Co2Filter:
         before = (self._bank.snapshot(), self._time_s)
         self._predict_to(time_s)
         variance = self.config.reading_variance_ppm2(value_ppm)
-        innovation, nis = self._bank.innovation(value_ppm, variance, _H_READING)
+        innovation, nis = self._bank.innovation(value_ppm, variance, READING)
         if nis > self.config.gate_sd**2:
             if not self._confirmed(time_s, innovation):
                 self._verdicts.append(False)
@@ -275,7 +273,7 @@ class Co2Filter:
             self._steps.append(_Step(time_s, snapshot, state_time_s, value_ppm, variance_ppm2, clean))
 
     def _correct(self, value_ppm: float, variance_ppm2: float) -> None:
-        self.log_likelihood += self._bank.correct(value_ppm, variance_ppm2, _H_READING)
+        self.log_likelihood += self._bank.correct(value_ppm, variance_ppm2, READING)
 
     def _saturate(self, time_s: float, limit_ppm: float) -> None:
         """A reading at the end of the range: the air holds at least that much."""
@@ -322,7 +320,7 @@ class Co2Filter:
 
     def _state_clean(self, variance_ppm2: float) -> None:
         # It is a statement about the background: how lively the air is must not follow from it.
-        self._bank.correct(0.0, variance_ppm2, _H_EXCESS, judge=False)
+        self._bank.correct(0.0, variance_ppm2, EXCESS, judge=False)
 
     # -- time and output -----------------------------------------------------------------------------------
 

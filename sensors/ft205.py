@@ -26,7 +26,7 @@ from sensors.stream import Pacer, StreamInstrument
 
 BAUD: Final = 9600
 RANGE_MPS: Final = 75.0
-SD_MPS: Final = 0.3
+SD_MPS: Final = 0.27
 
 STATUS: Final = {"1": "the sensor reports an error", "2": "overspeed: wind above its range"}
 _ASK: Final = b"$//,WV?*//\r\n"

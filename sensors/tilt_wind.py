@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from mission.frames import Vector3
 from sensors.airframe import GRAVITY_MPS2, VehicleMotion, thrust_ned_mps2
 from sensors.wind_config import WindFilterConfig
@@ -17,7 +15,7 @@ class TiltWindow:
     def __init__(self, config: WindFilterConfig) -> None:
         self._config = config
         self._start: tuple[float, Vector3] | None = None
-        self._sum = np.zeros(4)
+        self._sum = [0.0, 0.0, 0.0, 0.0]
         self._count = 0
         self._airspeed_mps = 0.0
 
@@ -34,20 +32,21 @@ class TiltWindow:
         velocity = motion.velocity_ned_mps
         if self._start is None:
             self._start, self._count = (now_s, velocity), 0
-            self._sum[:] = 0.0
+            self._sum = [0.0, 0.0, 0.0, 0.0]
             return None
         down_mps2 = motion.acceleration_ned_mps2[2] if motion.acceleration_ned_mps2 else 0.0
         north, east = thrust_ned_mps2(motion.attitude_rad, down_mps2)
-        self._sum += (north, east, velocity[0], velocity[1])
+        for i, value in enumerate((north, east, velocity[0], velocity[1])):
+            self._sum[i] += value
         self._count += 1
         since_s, before = self._start
         window_s = now_s - since_s
         if window_s < self._config.drag_window_s - 0.01:
             return None
         self._start, count = (now_s, velocity), self._count
-        thrust_n, thrust_e, speed_n, speed_e = (self._sum / count).tolist()
+        thrust_n, thrust_e, speed_n, speed_e = (total / count for total in self._sum)
         self._count = 0
-        self._sum[:] = 0.0
+        self._sum = [0.0, 0.0, 0.0, 0.0]
         if window_s > 3.0 * self._config.drag_window_s or count < 3:
             return None  # the autopilot was silent in between
         # a = f - drag(u), u = v - wind  =>  wind = v - u, with u against the drag
