@@ -184,9 +184,10 @@ class Locus:
         window = sorted(self._window.values(), key=lambda r: r.order)[-2 * drones :]
         uphill, north_m, east_m = self._uphill(order, window, rng)
         if order.best is not None and order.waypoints_since_best >= self._p.patience:
-            source = estimate_source(
-                list(self._window.values()) or [order.best], self._layout.spacing_m, self._wind_ned_mps
-            )
+            # A long wait, or a new root, may have forgotten the contact; then only the order still has it.
+            known = list(self._window.values())
+            known += [] if order.best in known else [order.best]
+            source = estimate_source(known, self._layout.spacing_m, self._wind_ned_mps)
             return msgspec.structs.replace(order, stage=Stage.FOUND, anchor_ned_m=source, source_ned_m=source)
         if uphill:
             turn_rad = float(rng.uniform(0.0, self._p.turn_rad))

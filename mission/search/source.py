@@ -29,6 +29,8 @@ _FIT_RADIUS_M = 40.0
 _FIT_FARTHEST_M = 25.0
 """A fitted source farther than this from the best reading is an extrapolation, and not believed."""
 _FIT_READINGS = 20
+_LARGEST_LOG = 20.0
+"""Of a width or strength that is tried on the way to a fit: beyond it the numbers would overflow."""
 _FIT_MISFIT = 0.12
 """Largest root-mean-square misfit of the square roots of relative concentration that still is a fit."""
 
@@ -65,7 +67,8 @@ def _fitted_source(
     measured = np.sqrt(value[near] / best.excess_co2_ppm + 1e-3)
 
     def misfit(q: FloatArray) -> FloatArray:
-        north_0, east_0, log_vent, log_growth, log_strength, bearing = q
+        north_0, east_0, *logs, bearing = q
+        log_vent, log_growth, log_strength = np.clip(logs, -_LARGEST_LOG, _LARGEST_LOG)
         cos, sin = np.cos(bearing), np.sin(bearing)
         downwind = (north - north_0) * cos + (east - east_0) * sin
         across = (east - east_0) * cos - (north - north_0) * sin

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mission.formation import Hexagonal
-from mission.observation import Reading
+from mission.observation import Observation, Order, OwnState, Reading, Scalar, Stage, TreePlace, Wind
 from mission.search import STRATEGIES, make
 from mission.search.arrival import Arrival
 from mission.search.gradient import plane_gradient, waypoint_uphill
@@ -183,3 +183,26 @@ def test_what_a_strategy_is_not_given_right_is_said_in_one_line() -> None:
         make("locus", layout=layout, step_m=-1.0)
     with pytest.raises(ValueError, match="strategy mobs: radius_m: Expected `float`, got `str`"):
         make("mobs", layout=layout, radius_m="far")
+
+
+def test_a_root_that_has_forgotten_the_contact_still_tells_the_source() -> None:
+    """After a long wait, or as an heir with nothing but the order: its other readings are all zero."""
+    best = Reading(3, 2, (30.0, -20.0, -10.0), 80.0, 4.0)
+    order = Order(
+        20, Stage.TRACK, (0.0, 0.0, -10.0), 0.0, None, 5.0, (0.0, 0.0, -10.0), best, waypoints_since_best=15
+    )
+    strategy = make("locus", layout=Hexagonal(10.0))
+    rng = np.random.default_rng(1)
+    place = TreePlace(1, 0, {1: 0}, None, (), None, None, 1, False)
+    own = OwnState(
+        1, (0.0, 0.0, -10.0), (0.0, 0.0, 0.0), Scalar(0.0, 1.0, 0.1), Wind((3.0, 0.0, 0.0), 0.1, 0.1), 0.9
+    )
+    zeros = tuple(Reading(2, k, (float(k), 0.0, -10.0), 0.0, 4.0) for k in range(30))
+    found = None
+    for tick in range(60):
+        decision = strategy.decide(Observation(tick * 0.1, own, (), place, order, zeros), rng)
+        found = decision.order or found
+    assert found is not None
+    assert found.stage is Stage.FOUND
+    assert found.source_ned_m is not None
+    assert math.dist(found.source_ned_m, best.position_ned_m) < 25.0  # as far as a fit is believed
