@@ -17,8 +17,10 @@ from flightstack import topics
 from flightstack.autopilot import AutopilotSession, VehicleReport
 from flightstack.belief import Belief
 from flightstack.config import DroneConfig
+from flightstack.deciding import consult
 from flightstack.guard import AGEING_LIMIT_M, SEPARATION_MARGIN_M, Guard, Guarded, PositionTarget
 from flightstack.guidance import CORRIDOR_M, horizontal_m, landing_point, over_the_top, underneath
+from flightstack.launch_point import unfit
 from flightstack.phase import IN_FORMATION, Ask, FlightPhase, Note, PhaseStep, SwarmFacts, VehicleFacts
 from flightstack.sensing import PortInput, Sensed, Sensing
 from flightstack.swarm_tree import SwarmTree, TreeNews
@@ -110,6 +112,7 @@ class Agent:
         self._strategy = self._new_strategy()
         self._rng = np.random.default_rng((config.seed, config.drone))
         self._decision: Decision | None = None
+        self._strategy_failure = ""
         self._formed_s: float | None = None
         self._transfer_since_s: float | None = None
         self._best_ppm: float | None = None
@@ -160,6 +163,11 @@ class Agent:
         self._ask(phase)
         return self._outputs(now_s, inputs, phase, vehicle, sensed, place, guarded, notes)
 
+    @property
+    def twin_heard(self) -> bool:
+        """Another node has said that it is this drone."""
+        return self._belief.twin_heard
+
     # -- belief and filters ------------------------------------------------------------------------------------
 
     def _vehicle_samples(self, now_s: float, vehicle: VehicleReport) -> list[Sample]:
@@ -195,6 +203,7 @@ class Agent:
         self._tree.begin(now_s, survey, (0.0, 0.0, down_m))
         self._strategy = self._new_strategy()
         self._decision = None
+        self._strategy_failure = ""
         self._formed_s = None
         self._best_ppm = None
 
@@ -307,6 +316,13 @@ class Agent:
 
     def _must_return(self, now_s: float, vehicle: VehicleReport) -> str:
         limits = self.config.limits
+        if not vehicle.armed and vehicle.position_ned_m is not None:
+            amsl_m = self.config.origin.amsl_m
+            reason = unfit(vehicle.position_ned_m, self._fence, limits.fence_margin_m, amsl_m)
+            if reason:
+                return reason
+        if self._strategy_failure and vehicle.armed:
+            return self._strategy_failure
         battery = vehicle.battery_fraction
         if battery is None or battery > limits.battery_return_fraction:
             self._battery_low_since_s = None
@@ -375,7 +391,8 @@ class Agent:
                     sensed.wind,
                     vehicle.battery_fraction,
                 )
-                self._decision = self._strategy.decide(
+                self._decision, self._strategy_failure = consult(
+                    self._strategy,
                     Observation(
                         now_s - self._formed_s, own, neighbours, place, self._tree.order, self._tree.readings
                     ),

@@ -11,6 +11,7 @@ import dataclasses
 from collections.abc import Iterable, Sequence
 
 from flightstack import topics
+from flightstack.plausibility import is_estimate, is_vehicle, is_wind, refusal
 from flightstack.transport import Received
 from flightstack.wire import Command, DroneState, GroundBeat, Traffic, TrafficVehicle, TreeState, WireError
 from mission.frames import LocalFrame
@@ -42,8 +43,11 @@ class Belief:
     def __init__(self, drone: int, members: Sequence[int], frame: LocalFrame) -> None:
         self.peers: dict[int, Peer] = {}
         self.ground_heard_s: float | None = None
+        self.twin_heard = False
+        """Another node has said that it is this drone."""
         self._drone = drone
-        self._members = frozenset(members) - {drone}
+        self._all = frozenset(members)
+        self._members = self._all - {drone}
         self._frame = frame
         self._traffic: dict[int, tuple[TrafficVehicle, float]] = {}
         self._told: set[str] = set()
@@ -71,7 +75,7 @@ class Belief:
                     commands.append(message)
                 case Traffic():
                     for vehicle in message.vehicles:
-                        if vehicle.drone != self._drone:
+                        if vehicle.drone != self._drone and is_vehicle(vehicle):
                             self._traffic[vehicle.drone] = (vehicle, now_s - vehicle.age_s)
                 case GroundBeat():
                     self.ground_heard_s = now_s
@@ -95,8 +99,8 @@ class Belief:
                 state.velocity_ned_mps,
                 age_s,
                 state.airborne,
-                _aged(state.excess_co2_ppm, age_s),
-                state.wind,
+                _aged(state.excess_co2_ppm, age_s) if is_estimate(state.excess_co2_ppm) else None,
+                state.wind if is_wind(state.wind) else None,
                 age_s > ADRIFT_S,
             )
         for drone, (vehicle, at_s) in self._traffic.items():
@@ -126,12 +130,14 @@ class Belief:
             if str(message.sender) != sender:
                 return f"a message of drone {message.sender} came under the name {sender}"
             if message.sender == self._drone:
+                self.twin_heard = True
                 return f"another node also says that it is drone {self._drone}: every drone needs its own id"
             if message.sender not in self._members:
                 return f"drone {message.sender} is not in swarm.members"
         if isinstance(message, DroneState | TreeState | Traffic) and message.frame != self._frame.identity:
             return f"{sender} flies in another frame: give all members the same origin"
-        return ""
+        reason = refusal(message, self._all)
+        return f"a message of {sender} is refused: {reason}" if reason else ""
 
     def _tell(self, problems: list[str], problem: str) -> None:
         """Each problem once: a misconfigured peer repeats itself five times a second."""

@@ -21,10 +21,15 @@ AFTER: dict[Phase, frozenset[Phase]] = {
     Phase.TAKEOFF: frozenset({Phase.FORMING, Phase.RETURNING, Phase.LANDING, Phase.LANDED, Phase.PILOT}),
     Phase.FORMING: frozenset(
         {Phase.SEARCHING, Phase.TRACKING, Phase.HOLDING, Phase.RETURNING, Phase.LANDING, Phase.PILOT}
+        | {Phase.LANDED}
     ),
-    Phase.SEARCHING: frozenset({Phase.TRACKING, Phase.HOLDING, Phase.RETURNING, Phase.LANDING, Phase.PILOT}),
-    Phase.TRACKING: frozenset({Phase.SEARCHING, Phase.HOLDING, Phase.RETURNING, Phase.LANDING, Phase.PILOT}),
-    Phase.HOLDING: frozenset({Phase.FORMING, Phase.RETURNING, Phase.LANDING, Phase.PILOT}),
+    Phase.SEARCHING: frozenset(
+        {Phase.TRACKING, Phase.HOLDING, Phase.RETURNING, Phase.LANDING, Phase.LANDED, Phase.PILOT}
+    ),
+    Phase.TRACKING: frozenset(
+        {Phase.SEARCHING, Phase.HOLDING, Phase.RETURNING, Phase.LANDING, Phase.LANDED, Phase.PILOT}
+    ),
+    Phase.HOLDING: frozenset({Phase.FORMING, Phase.RETURNING, Phase.LANDING, Phase.LANDED, Phase.PILOT}),
     Phase.RETURNING: frozenset({Phase.LANDING, Phase.LANDED, Phase.PILOT}),
     Phase.LANDING: frozenset({Phase.LANDED, Phase.RETURNING, Phase.PILOT}),
     Phase.PILOT: frozenset({Phase.FORMING, Phase.RETURNING, Phase.LANDING, Phase.LANDED, Phase.DISARMED}),
@@ -42,6 +47,10 @@ TAKING_PART = frozenset(
     {Phase.ARMING, Phase.TAKEOFF, Phase.FORMING, Phase.SEARCHING, Phase.TRACKING, Phase.HOLDING}
 )
 """The phases of a live member of the survey; any other phase after the start announces that it left."""
+
+
+DOWN_S = 3.0
+"""How long a vehicle in formation may seem disarmed before it counts as down: heartbeats come once a second."""
 
 
 class Ask(enum.Enum):
@@ -112,6 +121,7 @@ class FlightPhase:
         self._control_timeout_s = control_timeout_s
         self._control_since_s: float | None = None
         """When we last asked for control; None once we had it. Losing it then means that somebody took it."""
+        self._down_since_s: float | None = None
         self._answered: dict[str, Outcome] = {}
         self._notes: list[Note] = []
         self._prompt: Ask | None = None
@@ -234,6 +244,7 @@ class FlightPhase:
                     self._change(now_s, Phase.LANDED, "landed")
         if self.phase in TAKING_PART - {Phase.ARMING, Phase.TAKEOFF}:
             self._follow_the_swarm(now_s, swarm)
+            self._notice_the_ground(now_s, vehicle)
 
     def _arming(self, now_s: float, vehicle: VehicleFacts) -> None:
         if vehicle.armed and vehicle.ours:
@@ -269,6 +280,16 @@ class FlightPhase:
             self._change(now_s, Phase.TRACKING, "following the plume")
         elif self.phase is Phase.TRACKING and stage is Stage.SEARCH:
             self._change(now_s, Phase.SEARCHING, "plume lost")
+
+    def _notice_the_ground(self, now_s: float, vehicle: VehicleFacts) -> None:
+        """A drone that fell, or was disarmed, takes no part any more: the others must hear that it left."""
+        if self.phase not in TAKING_PART or vehicle.armed or vehicle.airborne or not vehicle.connected:
+            self._down_since_s = None
+        elif self._down_since_s is None:
+            self._down_since_s = now_s
+        elif now_s - self._down_since_s > DOWN_S:
+            self._down_since_s = None
+            self._change(now_s, Phase.LANDED, "disarmed during the survey", Severity.CRITICAL, "down")
 
     def _lost_control(self, now_s: float, vehicle: VehicleFacts) -> bool:
         """Whether a mode that was ours is not any more (without our asking)."""

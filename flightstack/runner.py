@@ -6,6 +6,7 @@ never blocks; what cannot be sent now is dropped and counted by the link that co
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import gc
 import logging
@@ -24,12 +25,13 @@ from flightstack.belief import RECEIVED_BY_DRONES
 from flightstack.clock import Clock, make_clock
 from flightstack.config import DroneConfig
 from flightstack.errors import StartError
-from flightstack.link import ByteLink, open_link
-from flightstack.recording import FlightRecorder
+from flightstack.link import ByteLink, LinkError, open_link
+from flightstack.recording import FlightRecorder, RecordingError
 from flightstack.sensing import PortInput
-from flightstack.transport import Transport
+from flightstack.transport import Transport, TransportError
 from flightstack.transport.zenoh_transport import ZenohTransport
-from flightstack.wire import Command, CommandName, Severity
+from flightstack.wire import Command, CommandName, Phase, Severity
+from mission.documents import DocumentError, line_of
 from sensors.instruments import instrument_type
 from sensors.port import InstrumentPort
 
@@ -38,8 +40,11 @@ log = logging.getLogger("flightstack")
 LEVEL = {Severity.INFO: logging.INFO, Severity.WARNING: logging.WARNING, Severity.CRITICAL: logging.ERROR}
 
 
-class AutopilotSilentError(StartError):
-    """Nothing that looks like our autopilot answered on its link."""
+IDLE = frozenset({Phase.DISARMED, Phase.LANDED, Phase.PILOT})
+"""The phases in which this agent has nothing in the air."""
+
+TWIN_S = 10.0
+"""Real seconds after the start in which the agent gives way to another one with its id; later it stays."""
 
 
 @dataclasses.dataclass
@@ -96,9 +101,12 @@ class Shell:
         self.link.close()
 
 
-def open_shell(config: DroneConfig, clock: Clock) -> Shell:
+def open_shell(config: DroneConfig, clock: Clock, file: str = "configuration") -> Shell:
     """Open everything that the configuration names. What cannot be opened raises with one clear line."""
-    link = open_link(config.autopilot.link)
+    try:
+        link = open_link(config.autopilot.link)
+    except LinkError as error:
+        raise unusable(file, "autopilot.link", error) from error
     try:
         transport = ZenohTransport(
             config.swarm.name,
@@ -108,6 +116,9 @@ def open_shell(config: DroneConfig, clock: Clock) -> Shell:
             receives=RECEIVED_BY_DRONES,
             tls=config.swarm.tls,
         )
+    except TransportError as error:
+        link.close()
+        raise unusable(file, "swarm.tls" if "swarm.tls" in str(error) else "swarm.listen", error) from error
     except BaseException:
         link.close()
         raise
@@ -119,6 +130,14 @@ def open_shell(config: DroneConfig, clock: Clock) -> Shell:
         if item.port != "mavlink"
     }
     return Shell(link, ports, transport)
+
+
+def unusable(file: str, field: str, error: Exception) -> DocumentError:
+    """The error that names the place in the drone's file where what cannot be opened is written."""
+    line = None
+    with contextlib.suppress(OSError, ValueError):  # there is no file, or it has been changed since
+        line = line_of(pathlib.Path(file).read_text(encoding="utf-8"), field)
+    return DocumentError(file, str(error).removeprefix(f"{field}: "), line=line, field=field)
 
 
 class Stop:
@@ -141,39 +160,49 @@ def run(config: DroneConfig, *, file: str = "configuration") -> int:
     stop.install()
     clock = make_clock(config.speedup, config.clock)
     incarnation = random.SystemRandom().getrandbits(31)
-    directory = pathlib.Path(config.record_to)
-    directory.mkdir(parents=True, exist_ok=True)
     agent = Agent(config, incarnation=incarnation)
-    shell = open_shell(config, clock)
-    recorder = FlightRecorder(directory / f"drone-{config.drone}-{incarnation:08x}.mcap")
-    recorder.record("/config", clock.now_s(), {"config": config, "incarnation": incarnation})
-    gc.collect()
-    gc.freeze()  # what start-up made is never searched again: keeps the collector out of the ticks
-    log.info(
-        "drone %d ready: autopilot on %s, swarm %s", config.drone, shell.link.describe, config.swarm.name
-    )
-    try:
+    with contextlib.ExitStack() as opened:
+        shell = open_shell(config, clock, file)
+        opened.callback(shell.close)
+        recorder = _open_recorder(config, incarnation, file)
+        opened.callback(recorder.close)
+        recorder.record("/config", clock.now_s(), {"config": config, "incarnation": incarnation})
+        gc.collect()
+        gc.freeze()  # what start-up made is never searched again: keeps the collector out of the ticks
+        log.info(
+            "drone %d ready: autopilot on %s, swarm %s", config.drone, shell.link.describe, config.swarm.name
+        )
         return _loop(agent, shell, recorder, clock, stop, file)
-    finally:
-        recorder.close()
-        shell.close()
+
+
+def _open_recorder(config: DroneConfig, incarnation: int, file: str) -> FlightRecorder:
+    directory = pathlib.Path(config.record_to)
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        return FlightRecorder(directory / f"drone-{config.drone}-{incarnation:08x}.mcap")
+    except OSError as error:
+        problem = f"{directory} cannot be made: {error.strerror}; name another directory"
+        raise unusable(file, "record_to", StartError(problem)) from error
+    except RecordingError as error:
+        raise unusable(file, "record_to", error) from error
 
 
 def _loop(agent: Agent, shell: Shell, recorder: FlightRecorder, clock: Clock, stop: Stop, file: str) -> int:
     config = agent.config
     deadlines = Deadlines(1.0 / config.tick_hz)
-    answer_by_s: float | None = time.monotonic() + config.autopilot.answer_timeout_s
-    going_home = False
+    started_s = time.monotonic()
+    answer_by_s: float | None = started_s + config.autopilot.answer_timeout_s
+    told = False
     due_s = clock.now_s()
     while True:
         clock.sleep_until(due_s)
         inputs = shell.gather(deadlines.late)
         vehicle = agent.session.report
-        if stop.count and (stop.count > 1 or not vehicle.airborne):
+        if stop.count > 1 or (stop.count and _may_end(agent)):
             break
-        if stop.count and not going_home:
-            going_home = True
-            log.warning("told to stop in the air: going home first; a second signal ends the agent at once")
+        if stop.count and not told:
+            told = True
+            log.warning("told to stop in flight: going home first; a second signal ends the agent at once")
             inputs = msgspec.structs.replace(inputs, peers=(*inputs.peers, _abort(config.drone)))
         now_s = clock.now_s()
         outputs = agent.step(now_s, inputs)
@@ -182,9 +211,17 @@ def _loop(agent: Agent, shell: Shell, recorder: FlightRecorder, clock: Clock, st
         if answer_by_s is not None and vehicle.connected:
             answer_by_s = None
         if answer_by_s is not None and time.monotonic() > answer_by_s:
-            raise AutopilotSilentError(
-                f"{file}: autopilot.link: no autopilot with system id {config.drone} answers on "
-                f"{config.autopilot.link}: check the cable, the baud rate and the autopilot's system id"
+            raise unusable(
+                file,
+                "autopilot.link",
+                StartError(
+                    f"no autopilot with system id {config.drone} answers on {config.autopilot.link}: "
+                    "check the cable, the baud rate and the autopilot's system id"
+                ),
+            )
+        if agent.twin_heard and time.monotonic() - started_s < TWIN_S and not vehicle.airborne:
+            raise unusable(
+                file, "drone", StartError(f"another agent of the swarm is drone {config.drone} already")
             )
         due_s = deadlines.next_due_s(due_s, clock.now_s())
     log.info(
@@ -196,6 +233,12 @@ def _loop(agent: Agent, shell: Shell, recorder: FlightRecorder, clock: Clock, st
         1000.0 * deadlines.worst_s / config.speedup,
     )
     return 0
+
+
+def _may_end(agent: Agent) -> bool:
+    """Whether the agent leaves nothing behind that it steers. What a pilot flies is never taken to be landed."""
+    vehicle = agent.session.report
+    return agent.phase.phase in IDLE and not (vehicle.airborne and vehicle.mode_ours)
 
 
 def _abort(drone: int) -> PeerMessage:

@@ -218,6 +218,27 @@ def test_a_drone_that_the_swarm_has_counted_out_goes_home() -> None:
     assert flight.step(UP, out).phase is Phase.RETURNING
 
 
+@pytest.mark.parametrize("phase", [Phase.FORMING, Phase.SEARCHING, Phase.TRACKING, Phase.HOLDING])
+def test_a_drone_that_is_disarmed_during_the_survey_has_left_it(phase: Phase) -> None:
+    flight = Flight().to(phase)
+    swarm = msgspec.structs.replace(
+        ALONE, order=order(Stage.TRACK if phase is Phase.TRACKING else Stage.SEARCH)
+    )
+    fallen = msgspec.structs.replace(ARMED, armed=False)
+    phases = [flight.step(fallen, swarm).phase for _ in range(40)]
+    assert phases[10] is phase  # one heartbeat that says so is not enough
+    assert phases[-1] is Phase.LANDED
+
+
+def test_a_survey_does_not_start_from_outside_the_fence() -> None:
+    flight = Flight()
+    outside = msgspec.structs.replace(ALONE, must_return="the launch point is 5 m outside the geofence")
+    step = flight.step(GROUND, outside, flight.command(CommandName.START))
+    assert step.outcomes[0].result is Result.REFUSED
+    assert "outside the geofence" in step.outcomes[0].reason
+    assert step.phase is Phase.DISARMED
+
+
 def test_every_change_is_in_the_table() -> None:
     assert set(AFTER) == set(Phase)
     for phase, following in AFTER.items():
