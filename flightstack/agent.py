@@ -484,7 +484,7 @@ class Agent:
             self._transfer_since_s is not None,
             self._best_ppm,
             waiting + vehicle.notes + sensed.notes + held,
-            self._ticks,
+            self._ticks + inputs.late_ticks,  # ticks that were due, whether they were held or missed
             inputs.late_ticks,
         )
 
