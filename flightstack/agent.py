@@ -93,7 +93,7 @@ class Agent:
         self.session = AutopilotSession(config.drone, self.frame, config.autopilot)
         self._incarnation = incarnation
         self._belief = Belief(config.drone, config.swarm.members, self.frame)
-        self._sensing = Sensing(tuple(i for i in config.instruments if i.port != "mavlink"))
+        self._sensing = Sensing(config.instruments, config.filters)
         self._layout = make_layout(config.formation.layout, config.formation.spacing_m)
         self._tree = SwarmTree(
             config.drone,

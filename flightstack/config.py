@@ -67,6 +67,15 @@ class InstrumentConfig(Section, frozen=True, kw_only=True):
     """What only this type knows, checked by its driver."""
 
 
+class FiltersConfig(Section, frozen=True, kw_only=True):
+    """What the filters know better than the data sheets: values that `flightstack sensors tune` printed."""
+
+    co2: dict[str, Any] = {}
+    """Fields of `sensors.co2_model.Co2FilterConfig`: lag_s, noise_ppm, background_co2_ppm, …"""
+    wind: dict[str, Any] = {}
+    """Fields of `sensors.wind_config.WindFilterConfig`: drag, gust_sd_mps, anemometer_arms_body_m, …"""
+
+
 class FormationConfig(Section, frozen=True, kw_only=True):
     layout: Literal["hexagonal", "rings"] = "hexagonal"
     spacing_m: Positive = 10.0
@@ -121,6 +130,7 @@ class DroneConfig(Section, frozen=True, kw_only=True):
     """Origin of the swarm's local frame, the same for all members; altitudes "above home" are above it."""
     autopilot: AutopilotConfig
     instruments: tuple[InstrumentConfig, ...] = ()
+    filters: FiltersConfig = FiltersConfig()
     formation: FormationConfig = FormationConfig()
     limits: LimitsConfig = LimitsConfig()
     geofence: Geofence | None = None

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 from flightstack.config import DroneConfig, FormationConfig, LimitsConfig
 from flightstack.link import LinkError, check_link
+from flightstack.sensing import co2_settings, wind_settings
 from flightstack.transport import TransportError
 from flightstack.transport.endpoints import check_endpoint
 from mission.documents import DocumentError, line_of, parse
@@ -53,6 +54,7 @@ def problems(config: DroneConfig) -> Iterator[tuple[str, str]]:
     except (TypeError, ValueError) as error:
         yield "strategy", str(error)
     yield from _connections(config)
+    yield from _filters(config)
     for index, instrument in enumerate(config.instruments):
         field = f"instruments[{index}]"
         if any(instrument.name == other.name for other in config.instruments[:index]):
@@ -68,6 +70,17 @@ def problems(config: DroneConfig) -> Iterator[tuple[str, str]]:
             check_port(instrument.port, 9600 if instrument.baud is None else instrument.baud)
         except SensorError as error:
             yield f"{field}.port", str(error)
+
+
+def _filters(config: DroneConfig) -> Iterator[tuple[str, str]]:
+    for field, settings in (
+        ("filters.co2", lambda: co2_settings((), config.filters)),
+        ("filters.wind", lambda: wind_settings(config.filters)),
+    ):
+        try:
+            settings()
+        except SensorError as error:
+            yield field, str(error).removeprefix(f"{field}: ")
 
 
 def _plain_numbers(config: DroneConfig) -> Iterator[tuple[str, str]]:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar
 
 import msgspec
 
-from flightstack.config import InstrumentConfig
+from flightstack.config import FiltersConfig, InstrumentConfig
 from mission.observation import Scalar, Wind
 from sensors.co2_filter import Co2Filter, Co2FilterConfig
-from sensors.instruments import make_instrument
+from sensors.errors import SensorError
+from sensors.filter_settings import co2_filter_config
+from sensors.instruments import instrument_type, make_instrument
 from sensors.samples import Instrument, InstrumentState, Sample
 from sensors.wind_filter import VehicleMotion, WindFilter, WindFilterConfig
 
@@ -37,12 +40,14 @@ class Sensed(msgspec.Struct, frozen=True):
 class Sensing:
     """All instruments and filters of one drone. `step` is called once a tick."""
 
-    def __init__(self, instruments: Sequence[InstrumentConfig]) -> None:
+    def __init__(self, instruments: Sequence[InstrumentConfig], filters: FiltersConfig) -> None:
         self._instruments: dict[str, Instrument] = {
-            item.name: make_instrument(item.type, item.name, dict(item.options)) for item in instruments
+            item.name: make_instrument(item.type, item.name, dict(item.options))
+            for item in instruments
+            if item.port != "mavlink"
         }
-        self._co2 = Co2Filter(Co2FilterConfig())
-        self._wind = WindFilter(WindFilterConfig())
+        self._co2 = Co2Filter(co2_settings(instruments, filters))
+        self._wind = WindFilter(wind_settings(filters))
         self._latest: dict[str, Sample] = {}
 
     def step(
@@ -90,3 +95,30 @@ class Sensing:
             tuple(notes),
             tuple((name, data) for name, data in to_ports if data),
         )
+
+
+def co2_settings(instruments: Sequence[InstrumentConfig], filters: FiltersConfig) -> Co2FilterConfig:
+    """The CO2 filter's settings: of the first CO2 instrument's make, and what the drone's file knows better.
+
+    `SensorError` for a setting that the filter does not have.
+    """
+    for item in instruments:
+        if instrument_type(item.type).co2 is not None:
+            return _changed(co2_filter_config(item.type, item.name), filters.co2, "filters.co2")
+    return _changed(Co2FilterConfig(), filters.co2, "filters.co2")
+
+
+def wind_settings(filters: FiltersConfig) -> WindFilterConfig:
+    """The wind filter's settings. `SensorError` for one that the filter does not have."""
+    return _changed(WindFilterConfig(), filters.wind, "filters.wind")
+
+
+S = TypeVar("S", bound=msgspec.Struct)
+
+
+def _changed(settings: S, changes: Mapping[str, Any], field: str) -> S:
+    try:
+        return msgspec.convert({**msgspec.to_builtins(settings), **changes}, type(settings))
+    except msgspec.ValidationError as error:
+        known = ", ".join(settings.__struct_fields__)
+        raise SensorError(f"{field}: {error}; its settings are: {known}") from error
