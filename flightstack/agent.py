@@ -164,9 +164,10 @@ class Agent:
         return self._outputs(now_s, inputs, phase, vehicle, sensed, place, guarded, notes)
 
     @property
-    def twin_heard(self) -> bool:
-        """Another node has said that it is this drone."""
-        return self._belief.twin_heard
+    def comes_second(self) -> bool:
+        """Another agent that was running before this one says that it is this drone."""
+        twin = self._belief.twin
+        return twin is not None and (twin.ticks, twin.incarnation) > (self._ticks, self._incarnation)
 
     # -- belief and filters ------------------------------------------------------------------------------------
 

@@ -43,8 +43,8 @@ class Belief:
     def __init__(self, drone: int, members: Sequence[int], frame: LocalFrame) -> None:
         self.peers: dict[int, Peer] = {}
         self.ground_heard_s: float | None = None
-        self.twin_heard = False
-        """Another node has said that it is this drone."""
+        self.twin: DroneState | None = None
+        """What another node said that also claims to be this drone."""
         self._drone = drone
         self._all = frozenset(members)
         self._members = self._all - {drone}
@@ -130,7 +130,7 @@ class Belief:
             if str(message.sender) != sender:
                 return f"a message of drone {message.sender} came under the name {sender}"
             if message.sender == self._drone:
-                self.twin_heard = True
+                self.twin = message if isinstance(message, DroneState) else self.twin
                 return f"another node also says that it is drone {self._drone}: every drone needs its own id"
             if message.sender not in self._members:
                 return f"drone {message.sender} is not in swarm.members"

@@ -44,7 +44,7 @@ IDLE = frozenset({Phase.DISARMED, Phase.LANDED, Phase.PILOT})
 """The phases in which this agent has nothing in the air."""
 
 TWIN_S = 10.0
-"""Real seconds after the start in which the agent gives way to another one with its id; later it stays."""
+"""Real seconds after the start in which an agent gives way to an older one with its id; later it stays."""
 
 
 @dataclasses.dataclass
@@ -219,9 +219,13 @@ def _loop(agent: Agent, shell: Shell, recorder: FlightRecorder, clock: Clock, st
                     "check the cable, the baud rate and the autopilot's system id"
                 ),
             )
-        if agent.twin_heard and time.monotonic() - started_s < TWIN_S and not vehicle.airborne:
+        if agent.comes_second and time.monotonic() - started_s < TWIN_S and not vehicle.airborne:
             raise unusable(
-                file, "drone", StartError(f"another agent of the swarm is drone {config.drone} already")
+                file,
+                "drone",
+                StartError(
+                    f"another agent of the swarm is drone {config.drone} already; every drone needs its own id"
+                ),
             )
         due_s = deadlines.next_due_s(due_s, clock.now_s())
     log.info(

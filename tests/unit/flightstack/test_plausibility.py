@@ -254,10 +254,11 @@ def test_a_strategy_that_raises_tells_where_and_holds() -> None:
     assert failure.startswith("the strategy failed: ZeroDivisionError: no way (test_plausibility.py:")
 
 
-def test_another_node_with_our_number_is_noticed() -> None:
+@pytest.mark.parametrize(("ticks", "second"), [(500, True), (0, False)])
+def test_of_two_nodes_with_one_number_the_younger_gives_way(ticks: int, second: bool) -> None:
     flyer = agent()
-    assert not flyer.twin_heard
-    twin = replace(STATE, sender=1, frame=flyer.frame.identity)
+    assert not flyer.comes_second
+    twin = replace(STATE, sender=1, frame=flyer.frame.identity, ticks=ticks)
     output = flyer.step(1.0, Inputs(peers=(message(topics.STATE, "1", twin),)))
-    assert flyer.twin_heard
+    assert flyer.comes_second is second
     assert [event.severity for event in output.events if event.code == "peer"] == [Severity.WARNING]
