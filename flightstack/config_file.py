@@ -8,8 +8,7 @@ from collections.abc import Iterator
 from flightstack.config import DroneConfig, FormationConfig, LimitsConfig
 from flightstack.link import LinkError, check_link
 from flightstack.sensing import co2_settings, wind_settings
-from flightstack.transport import TransportError
-from flightstack.transport.endpoints import check_endpoint
+from flightstack.transport.endpoints import endpoint_problems
 from mission.documents import DocumentError, line_of, parse
 from mission.formation import make_layout
 from mission.frames import LocalFrame
@@ -152,9 +151,4 @@ def _connections(config: DroneConfig) -> Iterator[tuple[str, str]]:
         check_link(config.autopilot.link)
     except LinkError as error:
         yield "autopilot.link", str(error)
-    for field, endpoints in (("listen", config.swarm.listen), ("connect", config.swarm.connect)):
-        for index, endpoint in enumerate(endpoints):
-            try:
-                check_endpoint(field, endpoint, config.swarm.tls)
-            except TransportError as error:
-                yield f"swarm.{field}[{index}]", str(error).removeprefix(f"swarm.{field}: ")
+    yield from endpoint_problems(config.swarm)

@@ -24,14 +24,14 @@ from flightstack.agent import Agent, Inputs, Outputs, PeerMessage
 from flightstack.belief import RECEIVED_BY_DRONES
 from flightstack.clock import Clock, make_clock
 from flightstack.config import DroneConfig
-from flightstack.errors import StartError
 from flightstack.link import ByteLink, LinkError, open_link
 from flightstack.recording import FlightRecorder, RecordingError
 from flightstack.sensing import PortInput
 from flightstack.transport import Transport, TransportError
+from flightstack.transport.endpoints import faulty_field
 from flightstack.transport.zenoh_transport import ZenohTransport
 from flightstack.wire import Command, CommandName, Phase, Severity
-from mission.documents import DocumentError, line_of
+from mission.documents import fault_of
 from sensors.instruments import instrument_type
 from sensors.port import InstrumentPort
 
@@ -106,7 +106,7 @@ def open_shell(config: DroneConfig, clock: Clock, file: str = "configuration") -
     try:
         link = open_link(config.autopilot.link)
     except LinkError as error:
-        raise unusable(file, "autopilot.link", error) from error
+        raise fault_of(file, "autopilot.link", str(error)) from error
     try:
         transport = ZenohTransport(
             config.swarm.name,
@@ -118,7 +118,7 @@ def open_shell(config: DroneConfig, clock: Clock, file: str = "configuration") -
         )
     except TransportError as error:
         link.close()
-        raise unusable(file, "swarm.tls" if "swarm.tls" in str(error) else "swarm.listen", error) from error
+        raise fault_of(file, faulty_field(error), str(error)) from error
     except BaseException:
         link.close()
         raise
@@ -130,14 +130,6 @@ def open_shell(config: DroneConfig, clock: Clock, file: str = "configuration") -
         if item.port != "mavlink"
     }
     return Shell(link, ports, transport)
-
-
-def unusable(file: str, field: str, error: Exception) -> DocumentError:
-    """The error that names the place in the drone's file where what cannot be opened is written."""
-    line = None
-    with contextlib.suppress(OSError, ValueError):  # there is no file, or it has been changed since
-        line = line_of(pathlib.Path(file).read_text(encoding="utf-8"), field)
-    return DocumentError(file, str(error).removeprefix(f"{field}: "), line=line, field=field)
 
 
 class Stop:
@@ -182,9 +174,9 @@ def _open_recorder(config: DroneConfig, incarnation: int, file: str) -> FlightRe
         return FlightRecorder(directory / f"drone-{config.drone}-{incarnation:08x}.mcap")
     except OSError as error:
         problem = f"{directory} cannot be made: {error.strerror}; name another directory"
-        raise unusable(file, "record_to", StartError(problem)) from error
+        raise fault_of(file, "record_to", problem) from error
     except RecordingError as error:
-        raise unusable(file, "record_to", error) from error
+        raise fault_of(file, "record_to", str(error)) from error
 
 
 def _loop(agent: Agent, shell: Shell, recorder: FlightRecorder, clock: Clock, stop: Stop, file: str) -> int:
@@ -211,21 +203,17 @@ def _loop(agent: Agent, shell: Shell, recorder: FlightRecorder, clock: Clock, st
         if answer_by_s is not None and vehicle.connected:
             answer_by_s = None
         if answer_by_s is not None and time.monotonic() > answer_by_s:
-            raise unusable(
+            raise fault_of(
                 file,
                 "autopilot.link",
-                StartError(
-                    f"no autopilot with system id {config.drone} answers on {config.autopilot.link}: "
-                    "check the cable, the baud rate and the autopilot's system id"
-                ),
+                f"no autopilot with system id {config.drone} answers on {config.autopilot.link}: "
+                "check the cable, the baud rate and the autopilot's system id",
             )
         if agent.comes_second and time.monotonic() - started_s < TWIN_S and not vehicle.airborne:
-            raise unusable(
+            raise fault_of(
                 file,
                 "drone",
-                StartError(
-                    f"another agent of the swarm is drone {config.drone} already; every drone needs its own id"
-                ),
+                f"another agent of the swarm is drone {config.drone} already; every drone needs its own id",
             )
         due_s = deadlines.next_due_s(due_s, clock.now_s())
     log.info(

@@ -9,6 +9,8 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from flightstack.config import Fraction, NotNegative, Positive, Section, SharedClockConfig, SwarmConfig
+from flightstack.link import LinkError, check_link
+from flightstack.transport.endpoints import endpoint_problems
 from mission.documents import DocumentError, line_of, parse
 from mission.frames import Geodetic
 from mission.geofence import Geofence
@@ -95,6 +97,12 @@ def problems(config: GroundConfig) -> Iterator[tuple[str, str]]:
         yield "mavlink.system", problem
     if len(set(mavlink.links)) != len(mavlink.links):
         yield "mavlink.links", "a link stands twice"
+    for index, link in enumerate(mavlink.links):
+        try:
+            check_link(link)
+        except LinkError as error:
+            yield f"mavlink.links[{index}]", str(error)
+    yield from endpoint_problems(config.swarm)
     if config.geofence is not None and config.plan is not None:
         yield "plan", "give either geofence or plan, not both"
     for problem in config.geofence.problems() if config.geofence is not None else ():

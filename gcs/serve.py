@@ -10,15 +10,17 @@ import signal
 from types import FrameType
 
 from flightstack.clock import Clock, make_clock
-from flightstack.link import ByteLink, open_link
-from flightstack.recording import FlightRecorder, TlogWriter
+from flightstack.link import ByteLink, LinkError, open_link
+from flightstack.recording import FlightRecorder, RecordingError, TlogWriter
+from flightstack.transport import TransportError
+from flightstack.transport.endpoints import faulty_field
 from flightstack.transport.zenoh_transport import ZenohTransport
 from flightstack.wire import Severity
 from gcs.config import GroundConfig
 from gcs.connection import RECEIVED
 from gcs.plans import load_fence
 from gcs.station import Station, StationOutputs
-from mission.documents import DocumentError
+from mission.documents import fault_of
 
 log = logging.getLogger("gcs")
 
@@ -50,6 +52,8 @@ class Recordings:
         """Common to all logs, so that they fit together."""
         self.timeline = FlightRecorder(directory / f"swarm-{self._stamp}.mcap")
         self._logs: dict[int, TlogWriter] = {}
+        self._unopened: dict[int, str] = {}
+        """Why a vehicle has no log."""
 
     def write(self, now_s: float, outputs: StationOutputs) -> None:
         for entry in outputs.timeline:
@@ -57,13 +61,25 @@ class Recordings:
         for frame in outputs.frames:
             tlog = self._logs.get(frame.system)
             if tlog is None:
-                path = self._directory / f"vehicle-{frame.system}-{self._stamp}.tlog"
-                tlog = self._logs[frame.system] = TlogWriter(path, self._unix_at_zero_s)
-            tlog.write(now_s, frame.data)
+                tlog = self._open(frame.system)
+            if tlog is not None:
+                tlog.write(now_s, frame.data)
+
+    def _open(self, system: int) -> TlogWriter | None:
+        """A disk that is full in flight must not end the station that brings orphans home: None, and told once."""
+        if system in self._unopened:
+            return None
+        path = self._directory / f"vehicle-{system}-{self._stamp}.tlog"
+        try:
+            self._logs[system] = TlogWriter(path, self._unix_at_zero_s)
+        except RecordingError as error:
+            self._unopened[system] = str(error)
+        return self._logs.get(system)
 
     def problems(self) -> set[str]:
         """Why a recording has ended before its time (the disk is full), a line each."""
         found = {self.timeline.problem, *(tlog.problem for tlog in self._logs.values())}
+        found.update(self._unopened.values())
         return found - {""}
 
     def close(self) -> None:
@@ -81,19 +97,28 @@ def serve(config: GroundConfig, file: pathlib.Path) -> int:
     directory = _directory(config, file)
     with contextlib.ExitStack() as opened:
         links: list[ByteLink] = []
-        for text in config.mavlink.links:
-            links.append(open_link(text))
+        for index, text in enumerate(config.mavlink.links):
+            try:
+                links.append(open_link(text))
+            except LinkError as error:
+                raise fault_of(str(file), f"mavlink.links[{index}]", str(error)) from error
             opened.callback(links[-1].close)
-        transport = ZenohTransport(
-            config.swarm.name,
-            config.station,
-            config.swarm.listen,
-            config.swarm.connect,
-            RECEIVED,
-            config.swarm.tls,
-        )
+        try:
+            transport = ZenohTransport(
+                config.swarm.name,
+                config.station,
+                config.swarm.listen,
+                config.swarm.connect,
+                RECEIVED,
+                config.swarm.tls,
+            )
+        except TransportError as error:
+            raise fault_of(str(file), faulty_field(error), str(error)) from error
         opened.callback(transport.close)
-        recordings = Recordings(directory, clock.now_s())
+        try:
+            recordings = Recordings(directory, clock.now_s())
+        except RecordingError as error:
+            raise fault_of(str(file), "record_to", str(error)) from error
         opened.callback(recordings.close)
         recordings.timeline.record("/config", clock.now_s(), config)
         log.info(
@@ -114,7 +139,7 @@ def _directory(config: GroundConfig, file: pathlib.Path) -> pathlib.Path:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         problem = f"{directory} cannot be made: {error.strerror}; name another directory"
-        raise DocumentError(str(file), problem, field="record_to") from error
+        raise fault_of(str(file), "record_to", problem) from error
     return directory
 
 

@@ -6,6 +6,8 @@ field and what would be right.
 
 from __future__ import annotations
 
+import contextlib
+import pathlib
 import re
 from typing import Any, TypeVar
 
@@ -94,6 +96,14 @@ def parse(text: str, kind: type[T], file: str) -> T:
     except msgspec.ValidationError as error:
         problem, path = _split(str(error))
         raise DocumentError(file, problem, line=line_of(text, path), field=path or None) from error
+
+
+def fault_of(file: str, field: str, problem: str) -> DocumentError:
+    """The error of what a file asks for and the machine has not, found when it was opened: with the field's line."""
+    line = None
+    with contextlib.suppress(OSError, ValueError, yaml.YAMLError):  # it has been changed since, or is no file
+        line = line_of(pathlib.Path(file).read_text(encoding="utf-8"), field)
+    return DocumentError(file, problem.removeprefix(f"{field}: "), line=line, field=field)
 
 
 def _split(message: str) -> tuple[str, str]:

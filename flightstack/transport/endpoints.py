@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from typing import Final
 
-from flightstack.config import TlsConfig
+from flightstack.config import SwarmConfig, TlsConfig
 from flightstack.transport import TransportError
 
 _ENDPOINT: Final = re.compile(
@@ -24,3 +25,18 @@ def check_endpoint(field: str, endpoint: str, tls: TlsConfig | None) -> None:
         )
     if tls is None and match["protocol"] in ("tls", "quic"):
         raise TransportError(f"swarm.{field}: {endpoint} needs swarm.tls with the certificates")
+
+
+def endpoint_problems(swarm: SwarmConfig) -> Iterator[tuple[str, str]]:
+    """What is wrong with the endpoints of a configuration file: (field, what, how to mend it)."""
+    for field, endpoints in (("listen", swarm.listen), ("connect", swarm.connect)):
+        for index, endpoint in enumerate(endpoints):
+            try:
+                check_endpoint(field, endpoint, swarm.tls)
+            except TransportError as error:
+                yield f"swarm.{field}[{index}]", str(error).removeprefix(f"swarm.{field}: ")
+
+
+def faulty_field(error: TransportError) -> str:
+    """The field of a configuration file that is to blame where the network cannot be joined."""
+    return "swarm.tls" if str(error).startswith("swarm.tls") else "swarm.listen"

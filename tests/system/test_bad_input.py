@@ -210,7 +210,10 @@ def test_ports_in_use(tmp_path: pathlib.Path, drone: Drone) -> None:
         assert "the port is in use" in line
         station = edited(tmp_path, "ground.yaml", "tcp/127.0.0.1:7447", f"tcp/127.0.0.1:{drone.tcp}")
         station.write_text(station.read_text().replace('"udpin:127.0.0.1:14550"', ""))
-        assert "the port is in use" in refused("gcs", "serve", "--config", station, cwd=tmp_path)
+        line = refused("gcs", "serve", "--config", station, cwd=tmp_path)
+        assert line.startswith(
+            f"gcs: {station}:{line_with(station, 'listen')}: swarm.listen: cannot listen on"
+        )
 
 
 def test_the_port_of_an_emulated_instrument_in_use(tmp_path: pathlib.Path) -> None:
@@ -286,6 +289,32 @@ def test_replaying_what_is_no_agents_recording(tmp_path: pathlib.Path) -> None:
     recorder.close()
     line = refused("flightstack", "replay", "station.mcap", cwd=tmp_path)
     assert "holds no drone's configuration" in line
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "at", "says"),
+    [
+        ("orphans:", "orphan:", "orphan:", "orphan: unknown key"),
+        ("udpin:127.0.0.1:14550", "14550", "mavlink", "mavlink.links[0]: link '14550' is none of"),
+        (
+            "udpin:127.0.0.1:14550",
+            "/dev/ttynone,57600",
+            "mavlink",
+            "mavlink.links[0]: link '/dev/ttynone,57600': there is",
+        ),
+        ("tcp/127.0.0.1:7447", "127.0.0.1", "listen", "swarm.listen[0]: '127.0.0.1' is no endpoint"),
+        (
+            "record_to: flights",
+            "record_to: ground.yaml",
+            "record_to",
+            "record_to: ground.yaml cannot be made",
+        ),
+    ],
+)
+def test_a_ground_stations_file(tmp_path: pathlib.Path, old: str, new: str, at: str, says: str) -> None:
+    file = edited(tmp_path, "ground.yaml", old, new)
+    line = refused("gcs", "serve", "--config", file, cwd=tmp_path)
+    assert line.startswith(f"gcs: {file}:{line_with(file, at)}: {says}")
 
 
 @pytest.mark.parametrize(
