@@ -99,7 +99,7 @@ def write_report(report: Report, command: str, rows_as: str = "parquet") -> path
             encoding="utf-8",
         )
         page.write_text(
-            f"# {name}: {_TITLES[name]}\n\n```\n{command}\n```\n\n![{_TITLES[name]}]({name}.png)\n\n"
+            f"# {name}: {_TITLES[name]}\n\n```sh\n{command}\n```\n\n![{_TITLES[name]}]({name}.png)\n\n"
             f"## Verdicts\n\n{verdict_markdown(report.verdicts)}\n## Cells\n\n{markdown(report.summaries)}",
             encoding="utf-8",
         )

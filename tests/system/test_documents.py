@@ -55,6 +55,12 @@ CHANGED = {
     "/dev/ttysba5": "{bench_port}",
     "flightstack sensors doctor": "flightstack sensors doctor --port {bench_port}",
     "simvehicle run --count": "simvehicle run --companion-port {spare} --ground-port {spare} --count",
+    # The same command with fewer trials: the documented ones take minutes of both cores.
+    "--trials 3000": "--trials 5",
+    "--trials 1000": "--trials 5",
+    "--full": "--quick --trials 5",
+    "locus-2 --quick --strategies": "locus-2 --sizes 5 --trials 5 --strategies",
+    "--rates 1e-6,1e-5,1e-4 --json": "--rates 1e-6,1e-5,1e-4 --trials 5 --json",
     # Where nothing is overwritten; a copy of the sources, because building leaves files behind.
     "pip install .": "python -m pip install --quiet --no-deps --target installed {sources}",
 }
