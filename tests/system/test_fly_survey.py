@@ -63,7 +63,8 @@ def a_killed_agent_cost_one_drone(summary: dict[str, Any], directory: pathlib.Pa
 
 def an_unplugged_instrument_was_told(summary: dict[str, Any], directory: pathlib.Path) -> None:
     assert summary["alive"] == 5
-    assert "co2" in "".join(line for line in (directory / "ground.log").open() if "drone 2: sensor" in line)
+    lines = (directory / "ground.log").read_text(encoding="utf-8").splitlines()
+    assert any("drone 2: sensor" in line and "co2" in line for line in lines)
 
 
 ALSO = {
