@@ -15,6 +15,7 @@ import signal
 import socket
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from typing import Any, TextIO
 
@@ -26,13 +27,14 @@ from flightstack.autopilot.modes import Flavour, mode_name
 from flightstack.autopilot.session import EVENTS, STATES
 from flightstack.autopilot.streams import StreamRequests
 from flightstack.autopilot.telemetry import Telemetry
-from flightstack.clock import WallClock
 from flightstack.link import ByteLink, open_link
+from flightstack.shared_clock import Cells
 from mission.documents import parse
 from mission.frames import Vector3
 from simvehicle.config import FleetConfig, VehicleSpec
 from simvehicle.dynamics import in_body
 from simvehicle.instruments import Air, make_emulator
+from simvehicle.pace import Pace
 from simvehicle.processes import Processes
 from simvehicle.truth import COLUMNS
 from simvehicle.world import World
@@ -40,7 +42,14 @@ from simvehicle.worlds import make_world
 
 HOST = "127.0.0.1"
 PERIOD_S = 0.1
-"""Simulated seconds, also of the record."""
+"""Simulated seconds between measurements, and entries of the record."""
+STEP_S = 0.02
+"""Simulated seconds between looks at the vehicles and steps of the time."""
+GRACE_S = 2.0
+"""ArduCopter may ignore SIGTERM; the launcher gives us 5 s for all."""
+BATTERY_MAH = 20_000.0
+"""Three quarters of an hour of hovering. The stock 3300 mAh are three quarters used after five minutes, and the
+agents come home with the last quarter."""
 MONITOR = 250
 """Our MAVLink system id on the third serial port of every vehicle."""
 
@@ -53,6 +62,7 @@ class Monitor:
         self.link: ByteLink = open_link(f"udpin:{HOST}:{free_port()}")
         self._reader = FrameReader(spec.id, STATES, EVENTS)
         self._streams = StreamRequests()
+        self._boot_s: float | None = None
         self._encoder = mavlink.MAVLink(
             None, srcSystem=MONITOR, srcComponent=mavlink.MAV_COMP_ID_MISSIONPLANNER
         )
@@ -64,8 +74,16 @@ class Monitor:
                 if message.get_type() == "COMMAND_ACK" and message.target_system == MONITOR:
                     self._streams.acknowledge(now_s, message.command, message.result)
         self.vehicle.clear_news()
+        if self._boot_s is None and self.vehicle.boot_ms is not None:
+            self._boot_s = now_s - self.vehicle.boot_ms * 1e-3
         for message in self._streams.step(now_s, self.vehicle):
             self._send(message)
+
+    @property
+    def time_s(self) -> float:
+        """How far the vehicle's own time has come, from the first look at it on; 0 before that."""
+        boot_ms = self.vehicle.boot_ms
+        return 0.0 if self._boot_s is None or boot_ms is None else self._boot_s + boot_ms * 1e-3
 
     def _send(self, message: Any) -> None:
         self.link.write(message.pack(self._encoder))
@@ -92,8 +110,7 @@ class Member:
     def position_ned_m(self) -> Vector3:
         return self.monitor.vehicle.position_ned_m() or self._home
 
-    def step(self, now_s: float) -> None:
-        self.monitor.step(now_s)
+    def measure(self, now_s: float) -> None:
         vehicle = self.monitor.vehicle
         wind = self._world.wind.wind_ned_mps(self.position_ned_m, now_s)
         own = vehicle.velocity_ned_mps or (0.0, 0.0, 0.0)
@@ -142,6 +159,8 @@ def command_line(
     parameters = {
         "SIM_WIND_SPD": fleet.wind.speed_mps,
         "SIM_WIND_DIR": fleet.wind.from_deg,
+        "SIM_WIND_T": 1.0,  # the same wind at all heights: stock is 40 % of it 10 m up
+        "BATT_CAPACITY": BATTERY_MAH,
         **spec.parameters,
     }
     own.write_text("".join(f"{name} {value:g}\n" for name, value in parameters.items()), encoding="utf-8")
@@ -165,12 +184,13 @@ def command_line(
 
 
 @contextlib.contextmanager
-def running(fleet: FleetConfig, world: World, logs: pathlib.Path) -> Iterator[list[Member]]:
-    """All vehicles, up to the end of the block."""
+def running(fleet: FleetConfig, world: World, logs: pathlib.Path) -> Iterator[tuple[list[Member], Processes]]:
+    """All vehicles and their processes, up to the end of the block."""
     program = shutil.which(os.environ["ARDUCOPTER_SITL"])
     if program is None:
         raise SystemExit(f"ARDUCOPTER_SITL: {os.environ['ARDUCOPTER_SITL']} is not a program")
-    defaults = os.environ.get("ARDUCOPTER_DEFAULTS", "")
+    named = os.environ.get("ARDUCOPTER_DEFAULTS", "")
+    defaults = ",".join(os.path.abspath(file) for file in named.split(",") if file)
     with contextlib.ExitStack() as open_ends:
         members = []
         processes = open_ends.enter_context(Processes(logs))
@@ -191,29 +211,44 @@ def running(fleet: FleetConfig, world: World, logs: pathlib.Path) -> Iterator[li
             )
             processes.start(f"arducopter-{spec.id}", command)
             members.append(member)
-        open_ends.callback(processes.stop)  # before the directories go
-        yield members
+        open_ends.callback(processes.stop, GRACE_S)  # before the directories go
+        yield members, processes
 
 
 def fly(fleet: FleetConfig, truth: TextIO) -> None:
+    """The vehicles make the time that the others follow: a machine that cannot keep up makes them all slower.
+
+    The other way round nobody waits: an ArduCopter flies on while its agent misses ticks, as a real one does.
+    """
     world = make_world(fleet)
-    clock = WallClock(fleet.speedup)
-    start_s = clock.now_s()
     stopped: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _frame: stopped.append(number))
     truth.write(",".join(COLUMNS) + "\n")
-    with running(fleet, world, pathlib.Path(truth.name).parent) as members:
-        ticks = 0
+    with contextlib.ExitStack() as open_ends:
+        own = pathlib.Path(open_ends.enter_context(tempfile.TemporaryDirectory(prefix="clock-"))) / "clock"
+        times = Cells.make(own, len(fleet.vehicles))
+        open_ends.callback(times.close)
+        told = Cells(fleet.clock) if fleet.clock is not None else Cells.make(own.with_name("unheard"), 0)
+        open_ends.callback(told.close)
+        pace = Pace(fleet.speedup, times)
+        members, processes = open_ends.enter_context(running(fleet, world, pathlib.Path(truth.name).parent))
+        due_s = 0.0
         while not stopped:
-            ticks += 1
-            now_s = ticks * PERIOD_S
-            clock.sleep_until(start_s + now_s)
-            for member in members:
-                member.step(now_s)
-                truth.write(member.row(now_s))
-            if ticks % 10 == 0:
+            now_s = pace.advance()
+            for slot, member in enumerate(members, 1):
+                member.monitor.step(now_s)
+                times.values[slot] = member.monitor.time_s
+            if now_s >= due_s:
+                due_s = now_s + PERIOD_S
+                for member in members:
+                    member.measure(now_s)
+                    truth.write(member.row(now_s))
                 truth.flush()
+            told.values[0] = now_s
+            for ended in processes.ended():
+                raise SystemExit(str(ended))
+            time.sleep(STEP_S / fleet.speedup)
 
 
 def fleet_command(part: str, config: pathlib.Path) -> list[str]:
