@@ -206,8 +206,8 @@ def _loop(agent: Agent, shell: Shell, recorder: FlightRecorder, clock: Clock, st
             raise fault_of(
                 file,
                 "autopilot.link",
-                f"no autopilot with system id {config.drone} answers on {config.autopilot.link}: "
-                "check the cable, the baud rate and the autopilot's system id",
+                f"no autopilot with system id {config.drone} answers: "
+                f"{shell.link.problem or config.autopilot.link}; {vehicle.ready_reason}",
             )
         if agent.comes_second and time.monotonic() - started_s < TWIN_S and not vehicle.airborne:
             raise fault_of(

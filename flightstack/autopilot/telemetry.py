@@ -282,7 +282,7 @@ class Telemetry:
                     f"the autopilot on this link has system id {self.foreign_system}, this drone is "
                     f"{self.system}: set its SYSID_THISMAV (PX4: MAV_SYS_ID) to {self.system}"
                 )
-            return "no heartbeat of the autopilot: check autopilot.link, the cable and its serial settings"
+            return "no heartbeat of the autopilot: check the cable, the baud rate and autopilot.link"
         if self.flavour is Flavour.UNKNOWN:
             told = FLAVOURS.get(self.autopilot_type)
             if told is not None:

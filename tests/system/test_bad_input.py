@@ -7,10 +7,12 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.recording import FlightRecorder
 from simvehicle.launch import free_ports
@@ -180,6 +182,36 @@ def test_an_autopilot_that_never_answers(tmp_path: pathlib.Path, drone: Drone) -
     line = refused("flightstack", "run", "--config", file, cwd=tmp_path, log=True)
     assert line.startswith(f"flightstack: {file}:4: autopilot.link: no autopilot with system id 1 answers")
     assert "check the cable" in line
+
+
+def test_an_autopilot_with_another_system_id(tmp_path: pathlib.Path, drone: Drone) -> None:
+    """The commonest mistake with new vehicles: all have system id 1."""
+    file = drone.write(drone="2")
+    over = threading.Event()
+
+    def autopilot() -> None:
+        encoder = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+        heartbeat = mavlink.MAVLink_heartbeat_message(2, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, 81, 0, 3, 3)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            while not over.wait(0.1):
+                sender.sendto(heartbeat.pack(encoder), ("127.0.0.1", drone.udp))
+
+    thread = threading.Thread(target=autopilot)
+    thread.start()
+    try:
+        line = refused("flightstack", "run", "--config", file, cwd=tmp_path, log=True)
+    finally:
+        over.set()
+        thread.join()
+    assert line.startswith(f"flightstack: {file}:4: autopilot.link: no autopilot with system id 2 answers")
+    assert line.endswith("has system id 1, this drone is 2: set its SYSID_THISMAV (PX4: MAV_SYS_ID) to 2")
+
+
+def test_a_connection_that_is_refused(tmp_path: pathlib.Path, drone: Drone) -> None:
+    (port,) = free_ports(socket.SOCK_STREAM, 1)
+    file = drone.write(autopilot=f'{{link: "tcp:127.0.0.1:{port}", answer_timeout_s: 0.5}}')
+    line = refused("flightstack", "run", "--config", file, cwd=tmp_path, log=True)
+    assert f"answers: tcp:127.0.0.1:{port}: Connection refused; " in line
 
 
 def test_an_instrument_that_is_absent_is_a_state_and_no_error(tmp_path: pathlib.Path, drone: Drone) -> None:
