@@ -24,6 +24,8 @@ REBOOT_S = 5.0
 """The autopilot's clock going back by more than this is a restart, by less a late message."""
 FLYING_ABOVE_HOME_M = 1.0
 """Without a landed state, an armed vehicle above this is taken to fly (until it disarms)."""
+PREARM_ROUND_S = 5.0
+"""ArduPilot tells what keeps it from arming every 30 s, all of it at once."""
 MOVING_AIR_MPS = 0.01
 """A WIND of exactly nothing is ArduCopter's way of saying that it does not estimate wind."""
 
@@ -95,7 +97,7 @@ class Telemetry:
         self.has_flown = False
         """In the air at least once since it was armed."""
         self.prearm_texts: dict[str, float] = {}
-        """"PreArm: …" texts and when they came."""
+        """ArduPilot's newest round of "PreArm: …" texts, and when each came."""
 
     # -- messages -------------------------------------------------------------------------------------------
 
@@ -236,7 +238,9 @@ class Telemetry:
     def _text(self, now_s: float, severity: int, text: str) -> None:
         self.new_texts.append(StatusText(severity, text))
         self.authority.text(now_s, text)
-        if text.startswith(("PreArm:", "Preflight Fail:")):
+        if text.startswith("PreArm:"):
+            # Each round lists all that fails now: what an earlier one said may be over, or have other numbers in it.
+            self.prearm_texts = {t: at for t, at in self.prearm_texts.items() if now_s - at < PREARM_ROUND_S}
             self.prearm_texts[text] = now_s
 
     # -- findings -------------------------------------------------------------------------------------------

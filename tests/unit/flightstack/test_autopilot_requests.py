@@ -48,6 +48,7 @@ class ScriptedAutopilot:
         self.setpoints: list[object] = []
         self.commands: list[tuple[int, int]] = []
         self.refuse_arming = ""
+        self.prearm = True
         self.deaf_to: set[int] = set()
         self.out: list[object] = []
 
@@ -116,7 +117,7 @@ class ScriptedAutopilot:
             case mavlink.MAVLINK_MSG_ID_SYS_STATUS:
                 bit = mavlink.MAV_SYS_STATUS_PREARM_CHECK
                 return mavlink.MAVLink_sys_status_message(
-                    bit, bit, bit if ready else 0, 0, 12000, 100, 80, 0, 0, 0, 0, 0, 0
+                    bit, bit, bit if ready and self.prearm else 0, 0, 12000, 100, 80, 0, 0, 0, 0, 0, 0
                 )
             case mavlink.MAVLINK_MSG_ID_HOME_POSITION if ready:
                 return mavlink.MAVLink_home_position_message(
@@ -435,6 +436,17 @@ def test_a_refusal_shows_in_the_report_while_it_is_tried_again():
     assert world.report.ready_reason == "arming refused: Arm: Throttle too high"
     world.autopilot.refuse_arming = ""
     assert world.until(RequestKind.ARM, world.session.arm).outcome is Outcome.SUCCEEDED
+
+
+def test_what_keeps_it_from_arming_is_its_newest_round_of_reasons():
+    """5.1 m off, then 5.2 m, then 5.3 m: for hours on the ground, and each state is sent to all."""
+    world = World("ardupilot", ready_s=0.0)
+    world.autopilot.prearm = False
+    for error_m in (5.1, 5.2, 5.3):
+        world.autopilot.say("PreArm: Compass not calibrated")
+        world.autopilot.say(f"PreArm: GPS and AHRS differ by {error_m}m")
+        world.run(30.0)
+    assert world.report.ready_reason == "PreArm: Compass not calibrated; PreArm: GPS and AHRS differ by 5.3m"
 
 
 @pytest.mark.parametrize("flavour", FLAVOURS)
