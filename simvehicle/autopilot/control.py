@@ -96,12 +96,20 @@ class PositionController:
         if motion.idle:
             self.reset()
             return 0.0, 0.0, -0.1 * GRAVITY_MPS2
-        north, east = self._horizontal(dt_s, motion, position_m, velocity_mps, limits)
-        down = self._vertical(dt_s, motion, position_m, velocity_mps, limits)
-        return north, east, down - GRAVITY_MPS2
+        # Height first: what is left of the tilt limit depends on how much of the thrust has to point up.
+        down = self._vertical(dt_s, motion, position_m, velocity_mps, limits) - GRAVITY_MPS2
+        most_mps2 = -down * math.tan(limits.tilt_rad)
+        north, east = self._horizontal(dt_s, motion, position_m, velocity_mps, limits, most_mps2)
+        return north, east, down
 
     def _horizontal(
-        self, dt_s: float, motion: Motion, position_m: Vector3, velocity_mps: Vector3, limits: Limits
+        self,
+        dt_s: float,
+        motion: Motion,
+        position_m: Vector3,
+        velocity_mps: Vector3,
+        limits: Limits,
+        most_mps2: float,
     ) -> tuple[float, float]:
         if motion.level:
             self._integral = [0.0, 0.0]
@@ -119,10 +127,9 @@ class PositionController:
         error_n, error_e = reference[0] - velocity_mps[0], reference[1] - velocity_mps[1]
         north = change_n / dt_s + _VELOCITY_GAIN * error_n + integral[0]
         east = change_e / dt_s + _VELOCITY_GAIN * error_e + integral[1]
-        most = GRAVITY_MPS2 * math.tan(limits.tilt_rad)
         size = math.hypot(north, east)
-        if size > most:  # no winding up against the tilt limit
-            return north * most / size, east * most / size
+        if size > most_mps2:  # no winding up against the tilt limit
+            return north * most_mps2 / size, east * most_mps2 / size
         integral[0] += _VELOCITY_INTEGRAL * error_n * dt_s
         integral[1] += _VELOCITY_INTEGRAL * error_e * dt_s
         return north, east

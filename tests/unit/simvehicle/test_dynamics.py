@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -98,6 +99,24 @@ def test_position_targets_are_reached_within_the_limits(
     assert max(math.hypot(v[0], v[1]) for v in velocities) < LIMITS.speed_mps * 1.15 + abs(wind) * 0.2
     assert max(-v[2] for v in velocities) < LIMITS.climb_mps * 1.15
     assert max(v[2] for v in velocities) < LIMITS.descent_mps * 1.15
+
+
+@pytest.mark.parametrize("wind_mps", [0.0, 12.0, 40.0])
+def test_it_never_leans_more_than_the_limit(wind_mps: float) -> None:
+    """Also where it goes down at the same time and little thrust points up; too strong a wind takes it along."""
+    body, control = hovering(), PositionController()
+    there = Motion(horizontal_mps=(12.0, 0.0), down_mps=1.5)
+    back = Motion(horizontal_mps=(-12.0, 0.0), down_mps=-2.5)
+    limits = dataclasses.replace(LIMITS, acceleration_mps2=5.0, climb_acceleration_mps2=4.0)
+    for tick in range(1000):
+        position = body.position[0], body.position[1], body.position[2]
+        velocity = body.velocity[0], body.velocity[1], body.velocity[2]
+        motion = there if tick // 200 % 2 else back
+        thrust = control.step(DT_S, motion, position, velocity, limits)
+        body.step(DT_S, thrust, None, (wind_mps, 0.0, 0.0))
+        north, east, down = body.thrust
+        assert math.atan2(math.hypot(north, east), -down) <= limits.tilt_rad + 1e-9
+    assert (body.velocity[0] > 2.0) == (wind_mps == 40.0)
 
 
 def test_velocity_targets_are_reached_in_about_a_second() -> None:
