@@ -1,8 +1,8 @@
 """The survey with real ArduCopter processes; agents, ground station and launcher are those of every survey.
 
-ARDUCOPTER_SITL names the `arducopter` program built for simulation, ARDUCOPTER_DEFAULTS its parameter file (for a
-quadcopter: Tools/autotest/default_params/copter.parm of the same version). ArduCopter waits for remote controls on
-every interface: run it where that does no harm.
+ARDUCOPTER_SITL names the `arducopter` program (4.3 to 4.6) built for simulation, ARDUCOPTER_DEFAULTS its parameter
+file (for a quadcopter: Tools/autotest/default_params/copter.parm of the same version). ArduCopter waits for remote
+controls on every interface: run it where that does no harm.
 """
 
 from __future__ import annotations
