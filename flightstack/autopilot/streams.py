@@ -77,6 +77,7 @@ class StreamRequests:
         times_s = self._times_s.get(kind)
         if times_s is not None:
             times_s.append(now_s)
+            self._missing.discard(kind)
 
     def acknowledge(self, now_s: float, command: int, result: int) -> None:
         if command != mavlink.MAV_CMD_SET_MESSAGE_INTERVAL or self._open is None:
@@ -85,6 +86,7 @@ class StreamRequests:
         self._open = None
         if result in (mavlink.MAV_RESULT_UNSUPPORTED, mavlink.MAV_RESULT_DENIED):
             self._due_s[kind] = now_s + REST_UNSUPPORTED_S
+            self._missing.add(kind)
 
     def notes(self) -> tuple[str, ...]:
         """Needed streams that were asked for and do not come."""
@@ -111,7 +113,6 @@ class StreamRequests:
             enough = due_s > -math.inf and len(times_s) >= ENOUGH_FRACTION * rate_hz * window_s
             self._due_s[kind] = now_s + window_s
             if enough:
-                self._missing.discard(kind)
                 continue
             if due_s > -math.inf and not times_s:
                 self._missing.add(kind)

@@ -50,6 +50,7 @@ class ScriptedAutopilot:
         self.refuse_arming = ""
         self.prearm = True
         self.deaf_to: set[int] = set()
+        self.streams_it_lacks: set[int] = set()
         self.out: list[object] = []
 
     @property
@@ -144,6 +145,8 @@ class ScriptedAutopilot:
         result = mavlink.MAV_RESULT_ACCEPTED
         text = ""
         match command:
+            case mavlink.MAV_CMD_SET_MESSAGE_INTERVAL if int(message.param1) in self.streams_it_lacks:
+                result = mavlink.MAV_RESULT_UNSUPPORTED if self.px4 else mavlink.MAV_RESULT_DENIED
             case mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
                 self.streams[int(message.param1)] = message.param2 * 1e-6
             case mavlink.MAV_CMD_DO_SET_MODE:
@@ -415,6 +418,19 @@ def test_an_autopilot_that_forgets_its_streams_is_asked_again(flavour):
     world.run(15.0)
     assert len(world.autopilot.streams) == 7
     assert world.report.position_age_s < 0.3
+
+
+@pytest.mark.parametrize("flavour", FLAVOURS)
+def test_a_stream_that_is_refused_is_told_and_not_asked_for_all_the_time(flavour):
+    world = World(flavour, ready_s=0.0)
+    world.autopilot.streams_it_lacks = {
+        mavlink.MAVLINK_MSG_ID_ATTITUDE,
+        mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
+    }
+    world.run(30.0)
+    assert world.report.notes == ("autopilot does not send ATTITUDE",)
+    assert len(world.autopilot.commands) == 7
+    world.fly()  # height tells that it flies
 
 
 def test_arming_waits_until_it_is_ready_then_tells_the_refusals_of_the_autopilot():
