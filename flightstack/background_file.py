@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import os
 import pathlib
@@ -24,6 +25,18 @@ class RecordingError(FlightstackError):
     """A recording cannot be made or read; one line that says which and why."""
 
 
+def _open_new(path: pathlib.Path) -> tuple[pathlib.Path, io.FileIO]:
+    free, number = path, 1
+    while True:
+        try:
+            return free, free.open("xb", buffering=0)
+        except FileExistsError:
+            number += 1
+            free = path.with_stem(f"{path.stem}-{number}")
+        except OSError as error:
+            raise RecordingError(f"{free}: cannot be recorded to: {error.strerror}") from error
+
+
 class BackgroundFile:
     """Takes bytes at once and writes them half a second later.
 
@@ -31,15 +44,11 @@ class BackgroundFile:
     """
 
     def __init__(self, path: pathlib.Path | str) -> None:
-        """A new file; `RecordingError` if it is there already or cannot be made."""
-        self.path = pathlib.Path(path)
+        """A new file at `path`, or next to it (NAME-2, NAME-3) where one is already: nothing is ever overwritten, and
+        a start within the same second, or after the clock was set back, records as well. `RecordingError` if no
+        file can be made."""
         self.problem = ""
-        try:
-            self._file = self.path.open("xb", buffering=0)
-        except FileExistsError as error:
-            raise RecordingError(f"{path}: is there already; recordings are never overwritten") from error
-        except OSError as error:
-            raise RecordingError(f"{path}: cannot be recorded to: {error.strerror}") from error
+        self.path, self._file = _open_new(pathlib.Path(path))
         self._lock = threading.Lock()
         self._pending = bytearray()
         self._taken_bytes = 0

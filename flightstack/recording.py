@@ -40,7 +40,7 @@ class FlightRecorder:
     """Writes messages to an MCAP file, a channel a topic. Nothing in it waits for the disk."""
 
     def __init__(self, path: pathlib.Path | str) -> None:
-        """A new file at `path`; `RecordingError` if it exists or cannot be made."""
+        """A new file at `path`, or next to it if one is there already; `RecordingError` if none can be made."""
         self._file = BackgroundFile(path)
         # No chunks: a chunk is lost whole when its end is missing, and compression would need another library.
         self._writer = Writer(self._file, compression=CompressionType.NONE, use_chunking=False)  # type: ignore[arg-type]
@@ -49,6 +49,10 @@ class FlightRecorder:
         self._schema: int | None = None
         self._sequence = 0
         self._closed = False
+
+    @property
+    def path(self) -> pathlib.Path:
+        return self._file.path
 
     @property
     def problem(self) -> str:

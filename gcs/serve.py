@@ -44,13 +44,14 @@ class Stop:
 class Recordings:
     """One timeline of the swarm, and one MAVLink log a vehicle, opened when the vehicle is first heard."""
 
-    def __init__(self, directory: pathlib.Path, now_s: float) -> None:
-        now = datetime.datetime.now(datetime.UTC)
+    def __init__(self, directory: pathlib.Path, now: datetime.datetime, now_s: float) -> None:
+        """`now` on the calendar is `now_s` on the station's clock."""
         self._directory = directory
-        self._stamp = now.strftime("%Y%m%dT%H%M%SZ")
         self._unix_at_zero_s = now.timestamp() - now_s
         """Common to all logs, so that they fit together."""
-        self.timeline = FlightRecorder(directory / f"swarm-{self._stamp}.mcap")
+        self.timeline = FlightRecorder(directory / f"swarm-{now:%Y%m%dT%H%M%SZ}.mcap")
+        # Two stations of one second may record into one directory: the vehicles' logs are named as their timeline is.
+        self._stamp = self.timeline.path.stem.removeprefix("swarm-")
         self._logs: dict[int, TlogWriter] = {}
         self._unopened: dict[int, str] = {}
         """Why a vehicle has no log."""
@@ -116,7 +117,7 @@ def serve(config: GroundConfig, file: pathlib.Path) -> int:
             raise fault_of(str(file), faulty_field(error), str(error)) from error
         opened.callback(transport.close)
         try:
-            recordings = Recordings(directory, clock.now_s())
+            recordings = Recordings(directory, datetime.datetime.now(datetime.UTC), clock.now_s())
         except RecordingError as error:
             raise fault_of(str(file), "record_to", str(error)) from error
         opened.callback(recordings.close)
@@ -126,7 +127,7 @@ def serve(config: GroundConfig, file: pathlib.Path) -> int:
             config.station,
             config.swarm.name,
             len(links),
-            directory,
+            recordings.timeline.path,
         )
         _loop(config, station, clock, transport, links, recordings, stop)
     log.info("ground station %s stopped", config.station)

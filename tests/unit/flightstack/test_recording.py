@@ -193,11 +193,12 @@ def test_garbage_is_an_error_or_nothing(tmp_path_factory, garbage, magic):
         assert list(read_recording(path)) == []
 
 
-def test_a_recording_is_never_overwritten(tmp_path):
-    path = tmp_path / "f.mcap"
-    _write(path, ("/t", 1.0, {"n": 1}))
-    with pytest.raises(RecordingError, match="is there already"):
-        FlightRecorder(path)
+def test_a_recording_is_never_overwritten_and_the_next_one_finds_a_free_name(tmp_path):
+    path = tmp_path / "f.1.mcap"
+    for n in (1, 2, 3):
+        _write(path, ("/t", 1.0, {"n": n}))
+    written = {file.name: [r.message for r in read_recording(file)] for file in tmp_path.iterdir()}
+    assert written == {"f.1.mcap": [{"n": 1}], "f.1-2.mcap": [{"n": 2}], "f.1-3.mcap": [{"n": 3}]}
 
 
 def test_a_missing_directory_or_file_is_one_clear_line(tmp_path):
