@@ -226,6 +226,8 @@ class Agent:
 
     def _tree_notes(self, news: TreeNews) -> list[Note]:
         notes = []
+        if news.joined:
+            notes.append(Note(Severity.INFO, "joined", "takes part in the survey that the others fly"))
         if news.lost:
             names = ", ".join(str(d) for d in news.lost)
             notes.append(Note(Severity.WARNING, "lost", f"drone {names} lost to the swarm"))
@@ -283,6 +285,7 @@ class Agent:
             at_slot=self._at_slot(vehicle),
             over_home=over_home,
             stuck=self._stuck(now_s, position, home),
+            shut_out=self._tree.shut_out,
             must_return=self._must_return(now_s, vehicle),
         )
 

@@ -92,6 +92,8 @@ class SwarmFacts(msgspec.Struct, frozen=True):
     """Above its own home and low enough for the autopilot's landing."""
     stuck: bool
     """Returning, and no nearer to home for long: something is in the way that does not move."""
+    shut_out: bool
+    """The others fly a survey that does not count this drone in."""
     must_return: str
     """Why this drone cannot go on (battery, sensor, ground station lost), empty if it can."""
 
@@ -140,6 +142,7 @@ class FlightPhase:
                 continue
             outcome = self._answered.get(command.identity)
             if outcome is None:
+                before = self.phase
                 reason = self._obey(now_s, command, vehicle, swarm)
                 result = Result.REFUSED if reason else Result.ACCEPTED
                 outcome = Outcome(command.identity, self._drone, result, reason)
@@ -150,7 +153,7 @@ class FlightPhase:
                     f"{command.name} from {command.sender}: {outcome.result}"
                     + (f": {reason}" if reason else ""),
                 )
-                if command.name is CommandName.START and not reason:
+                if command.name is CommandName.START and self.phase is not before:
                     started = command.identity
             outcomes.append(outcome)
         self._advance(now_s, vehicle, swarm)
@@ -200,10 +203,14 @@ class FlightPhase:
     def _start(self, now_s: float, vehicle: VehicleFacts, swarm: SwarmFacts) -> str:
         if not vehicle.connected:
             return "the autopilot does not answer: check its link and power"
+        if self.phase in TAKING_PART - {Phase.HOLDING}:
+            return ""  # it takes part already: whoever starts again means those that do not
         if self.phase not in (Phase.DISARMED, Phase.LANDED):
             return f"already {self.phase}"
         if vehicle.armed:
             return f"the vehicle is armed in {vehicle.mode}: disarm it first"
+        if swarm.shut_out:
+            return "the others fly a survey that has counted this drone out: it can take part in the next"
         if swarm.must_return:
             return swarm.must_return
         return self._change(now_s, Phase.ARMING, "survey started")

@@ -14,6 +14,8 @@ hops as it must.
 * The new epoch comes with an order that keeps the formation where it stopped. Its readings are complete only once
   every moved drone is in its slot, so the search goes on by itself when the tree is whole again.
 * Orders go down and readings go up through the same messages.
+* A survey is known by the command that started it. Two operators who start at once, or one who starts again for a
+  drone that did not hear the first time, make two; then everybody joins the one that has come further.
 """
 
 from __future__ import annotations
@@ -38,6 +40,19 @@ JOIN_S = 30.0
 """How long after the start a member may be unheard or not yet arming before it counts as lost."""
 
 
+RIVAL_S = 1.0
+"""How long a peer must tell of another survey before that counts: its newest state and tree may be of two surveys
+for as long as it takes to send both."""
+
+
+class _Rival(msgspec.Struct):
+    """A survey that a peer takes part in and this drone does not."""
+
+    tree: TreeState
+    since_s: float
+    heard_s: float
+
+
 class TreeNews(msgspec.Struct, frozen=True):
     """What changed in one tick, for the event log."""
 
@@ -47,6 +62,8 @@ class TreeNews(msgspec.Struct, frozen=True):
     """This drone holds another slot than before and has to fly there."""
     order: Order | None = None
     """The order, if it is a new one."""
+    joined: bool = False
+    """This drone left the survey that it had begun for the one that the others fly."""
 
 
 class SwarmTree:
@@ -69,6 +86,9 @@ class SwarmTree:
         self._incarnation = incarnation
         self._lost_after_s = lost_after_s
         self.survey: str | None = None
+        self.shut_out = False
+        """The others fly a survey that does not count this drone in."""
+        self._rivals: dict[int, _Rival] = {}
         self._family_of: dict[int, int] = {}
         self._known_family = Place(None, (), None, None, drone)
         self._reset()
@@ -111,8 +131,11 @@ class SwarmTree:
         own_position_ned_m: Vector3 | None,
     ) -> TreeNews:
         """Merge what came, adopt this drone's own decision of the tick before, look for losses, heal."""
+        heard = tuple(heard)
+        self._compare_surveys(now_s, heard, belief)
         if self.survey is None:
             return TreeNews()
+        joined = self._join_the_foremost(now_s)
         slot, order, lost, epoch = self.slots.get(self._drone), self.order, set(self._lost), self.epoch
         for state in heard:
             self._merge(state)
@@ -126,6 +149,7 @@ class SwarmTree:
             healed=self.epoch != epoch,
             moved=self.slots.get(self._drone) != slot,
             order=self.order if self.order != order else None,
+            joined=joined,
         )
 
     def place(self, *, moving: bool, belief: Belief, now_s: float) -> TreePlace:
@@ -175,6 +199,41 @@ class SwarmTree:
             self._family_of = dict(self.slots)
             self._known_family = place(self.slots, self._layout, self._drone)
         return self._known_family
+
+    # -- other surveys ----------------------------------------------------------------------------------------
+
+    def _compare_surveys(self, now_s: float, heard: Iterable[TreeState], belief: Belief) -> None:
+        for state in heard:
+            peer = belief.peers.get(state.sender)
+            before = self._rivals.pop(state.sender, None)
+            if peer is None or peer.state.phase not in TAKING_PART or state.survey in ("", self.survey):
+                continue
+            again = before is not None and before.tree.survey == state.survey
+            since_s = before.since_s if before is not None and again else now_s
+            self._rivals[state.sender] = _Rival(state, since_s, now_s)
+        for drone, rival in list(self._rivals.items()):
+            if now_s - rival.heard_s > self._lost_after_s:
+                del self._rivals[drone]
+        self.shut_out = any(
+            rival.heard_s - rival.since_s >= RIVAL_S and not _counts_in(rival.tree, self._drone)
+            for rival in self._rivals.values()
+        )
+
+    def _join_the_foremost(self, now_s: float) -> bool:
+        joined = False
+        for rival in list(self._rivals.values()):
+            tree = rival.tree
+            if (
+                rival.heard_s - rival.since_s >= RIVAL_S
+                and _counts_in(tree, self._drone)
+                and _foremost_first(tree) < _foremost_first(self.message())
+                and not problems(dict(tree.slots), self._layout)
+            ):
+                self.begin(now_s, tree.survey, self._start_ned_m)
+                self._merge(tree)
+                self._rivals = {d: r for d, r in self._rivals.items() if r.tree.survey != tree.survey}
+                joined = True
+        return joined
 
     # -- merging ----------------------------------------------------------------------------------------------
 
@@ -289,3 +348,12 @@ class SwarmTree:
             return order.anchor_ned_m
         north_m, east_m = (math.fsum(axis) / len(corners) for axis in zip(*corners, strict=True))
         return north_m, east_m, order.anchor_ned_m[2]
+
+
+def _counts_in(tree: TreeState, drone: int) -> bool:
+    return drone not in tree.lost and any(member == drone for member, _ in tree.slots)
+
+
+def _foremost_first(tree: TreeState) -> tuple[int, int, str]:
+    """By how far a survey has come; between two that have only begun, everybody must choose the same."""
+    return -tree.epoch, -tree.order.sequence if tree.order is not None else 0, tree.survey

@@ -7,7 +7,16 @@ import itertools
 import msgspec
 import pytest
 
-from flightstack.phase import AFTER, STEERING, Ask, FlightPhase, PhaseStep, SwarmFacts, VehicleFacts
+from flightstack.phase import (
+    AFTER,
+    STEERING,
+    TAKING_PART,
+    Ask,
+    FlightPhase,
+    PhaseStep,
+    SwarmFacts,
+    VehicleFacts,
+)
 from flightstack.wire import Command, CommandName, Phase, Result, Severity
 from mission.observation import Order, Stage
 
@@ -17,7 +26,15 @@ GROUND = VehicleFacts(
 )  # fmt: skip
 ARMED = msgspec.structs.replace(GROUND, armed=True, ours=True, mode="GUIDED")
 UP = msgspec.structs.replace(ARMED, airborne=True, at_takeoff_altitude=True)
-ALONE = SwarmFacts(order=None, member=True, at_slot=False, over_home=False, stuck=False, must_return="")
+ALONE = SwarmFacts(
+    order=None,
+    member=True,
+    at_slot=False,
+    over_home=False,
+    stuck=False,
+    shut_out=False,
+    must_return="",
+)
 
 
 def order(stage: Stage) -> Order:
@@ -126,6 +143,23 @@ def test_a_command_is_carried_out_once_and_answered_always() -> None:
     assert again.outcomes[0].result is Result.ACCEPTED
 
 
+@pytest.mark.parametrize("phase", sorted(TAKING_PART - {Phase.HOLDING}))
+def test_a_start_for_those_that_did_not_hear_the_first_is_nothing_new_to_the_others(phase: Phase) -> None:
+    flight = Flight().to(phase)
+    vehicle = GROUND if phase is Phase.ARMING else ARMED if phase is Phase.TAKEOFF else UP
+    step = flight.step(vehicle, ALONE, flight.command(CommandName.START))
+    assert (step.outcomes[0].result, step.started, step.phase) == (Result.ACCEPTED, None, phase)
+
+
+def test_a_drone_that_the_survey_has_counted_out_does_not_fly_one_of_its_own() -> None:
+    flight = Flight()
+    step = flight.step(
+        GROUND, msgspec.structs.replace(ALONE, shut_out=True), flight.command(CommandName.START)
+    )
+    assert step.outcomes[0].result is Result.REFUSED
+    assert "counted this drone out" in step.outcomes[0].reason
+
+
 def test_commands_to_others_are_not_ours() -> None:
     flight = Flight()
     step = flight.step(GROUND, ALONE, flight.command(CommandName.START, target=4))
@@ -140,7 +174,8 @@ def test_commands_to_others_are_not_ours() -> None:
         (Phase.DISARMED, CommandName.LAND),
         (Phase.RETURNING, CommandName.RESUME),
         (Phase.RETURNING, CommandName.PAUSE),
-        (Phase.SEARCHING, CommandName.START),
+        (Phase.HOLDING, CommandName.START),
+        (Phase.RETURNING, CommandName.START),
     ],
 )
 def test_what_cannot_be_is_refused_with_a_reason_and_changes_nothing(phase: Phase, name: CommandName) -> None:

@@ -257,3 +257,69 @@ def test_any_losses_end_in_one_whole_tree(count: int, victims: list[tuple[int, f
             network.run(wait_s)
     network.run(5.0 * len(network.nodes) + 5.0)
     network.agreed()
+
+
+def surveys(network: Network) -> set[str | None]:
+    return {node.tree.survey for node in network.live}
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_two_starts_at_once_become_one_survey(seed: int) -> None:
+    """Two operators: some drones heard the one first, some the other, and the radio loses a third."""
+    network = Network(7, loss=0.3, seed=seed)
+    for drone, node in network.nodes.items():
+        node.tree.begin(0.0, "one" if network.random.random() < 0.5 else "other", START)
+        assert drone in node.tree.slots
+    network.run(15.0)
+    assert len(surveys(network)) == 1
+    network.agreed()
+
+
+@pytest.mark.parametrize("late", [1, 4])
+def test_who_starts_late_joins_the_survey_that_flies(late: int) -> None:
+    """The first start did not reach it (or its agent was restarted): the operator gave another."""
+    network = Network(5)
+    network.nodes[late].tree = Node(late, tuple(network.nodes)).tree
+    network.nodes[late].phase = Phase.DISARMED
+    network.run(2.0)
+    network.nodes[late].phase = Phase.ARMING
+    network.nodes[late].tree.begin(network.now_s, "survey-2", START)
+    network.run(3.0)
+    assert len(surveys(network)) == 1
+    assert network.nodes[2].tree.order is not None
+    network.agreed()
+
+
+def test_who_was_counted_out_of_the_survey_that_flies_is_told_so() -> None:
+    network = Network(5)
+    network.dead = {4}
+    network.run(60.0)
+    back = network.nodes[4] = Node(4, tuple(network.nodes))
+    back.phase = Phase.DISARMED
+    network.dead = set()
+    network.run(3.0)
+    assert back.tree.shut_out
+    assert back.tree.survey is None
+    for node in network.live:
+        node.phase = Phase.RETURNING
+    network.run(4.0)
+    assert not back.tree.shut_out, "they are on their way home: the next survey can be started"
+
+
+def test_what_is_left_of_a_survey_that_is_over_draws_nobody_in() -> None:
+    """All landed; they still tell what they know of it. Drone 3 hears of the new start last."""
+    network = Network(4)
+    network.nodes[1].decision = Decision(Hold(), order=Order(9, Stage.TRACK, (50.0, 0.0, -10.0), 0.0))
+    network.run(2.0)
+    for node in network.live:
+        node.phase = Phase.LANDED
+    network.nodes[4] = Node(4, tuple(network.nodes))
+    network.run(2.0)
+    for drone in (4, 1, 2, 3):
+        network.nodes[drone].phase = Phase.ARMING
+        network.nodes[drone].tree.begin(network.now_s, "survey-2", START)
+        network.run(1.5)
+    assert surveys(network) == {"survey-2"}
+    order = network.agreed() and network.nodes[3].tree.order
+    assert order is not None
+    assert order.sequence == 1
