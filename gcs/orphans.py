@@ -16,6 +16,7 @@ What it must not do is end a healthy survey, or fight a person:
 from __future__ import annotations
 
 import enum
+import math
 
 import msgspec
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -35,6 +36,9 @@ REFUSALS_UNTIL_LANDING = 6
 FAILSAFE_HOLD_S = 4.0
 """PX4 leaves OFFBOARD for HOLD within COM_OF_LOSS_T (1 s by default) of the last setpoint."""
 
+
+COMMAND_MEMORY_S = 60.0
+"""A vehicle that was not heard for so long is not what the operator's command was given for: it may fly again."""
 
 SURVEYING = frozenset({Phase.TAKEOFF, Phase.FORMING, Phase.SEARCHING, Phase.TRACKING, Phase.HOLDING})
 """The phases in which agents watch each other and count the silent ones out."""
@@ -72,7 +76,9 @@ class _Case(msgspec.Struct):
     step: Step
     duty: Duty
     commanded: bool = False
-    """By the operator: modes of the pilot do not matter then."""
+    """By the operator: the mode that it was in does not matter then, but one that is chosen later does."""
+    from_mode: int | None = None
+    """The mode in which the operator's command met it."""
     sent: int = 0
     sent_s: float | None = None
     excused: str = ""
@@ -99,9 +105,13 @@ class OrphanKeeper:
         requests = []
         for drone in fleet.drones():
             vehicle = fleet.vehicle(drone)
-            if vehicle is None or vehicle.age_s(now_s) > HEARTBEAT_LOST_S:
-                continue  # nothing reaches it now; the case stays for when it is heard again
             case = self._cases.get(drone)
+            if vehicle is None or vehicle.age_s(now_s) > HEARTBEAT_LOST_S:
+                # Nothing reaches it now; the case stays for when it is heard again.
+                unheard_s = math.inf if vehicle is None else vehicle.age_s(now_s)
+                if case is not None and case.commanded and unheard_s > COMMAND_MEMORY_S:
+                    self._close(drone, "not heard any more: the operator's command is forgotten")
+                continue
             if case is None or not case.commanded:
                 case = self._open_or_close(now_s, fleet, drone, vehicle, case)
             if case is not None and (request := self._pursue(now_s, fleet, drone, vehicle, case)):
@@ -146,7 +156,16 @@ class OrphanKeeper:
             if agent is not None:
                 agent.flown = False
             return None
-        if not case.commanded:
+        if case.commanded:
+            if case.from_mode is None:
+                case.from_mode = vehicle.custom_mode
+            elif vehicle.custom_mode != case.from_mode and not _px4_by_itself(
+                vehicle, case, _last_flying_phase(fleet, drone)
+            ):
+                self._say(drone, Severity.WARNING, f"somebody chose {vehicle.mode}: left alone")
+                del self._cases[drone]
+                return None
+        else:
             excuse = self._excuse(now_s, fleet, drone, vehicle, case)
             if excuse is not None:
                 if excuse and excuse != case.excused:
@@ -159,8 +178,7 @@ class OrphanKeeper:
         self, now_s: float, fleet: FleetView, drone: int, vehicle: Component, case: _Case
     ) -> str | None:
         """Why nothing is to be done now ("" while the grace runs); None when there is no excuse."""
-        agent = fleet.agents.get(drone)
-        phase = agent.last_flying_phase if agent is not None else None
+        phase = _last_flying_phase(fleet, drone)
         unattended = vehicle.in_mode(Duty.CONTROL) or _px4_by_itself(vehicle, case, phase)
         if case.step is Step.ASKING:
             return None if unattended else f"somebody chose {vehicle.mode}"
@@ -214,6 +232,11 @@ class OrphanKeeper:
 
     def _say(self, drone: int, severity: Severity, text: str) -> None:
         self._actions.append(Action(drone, severity, text))
+
+
+def _last_flying_phase(fleet: FleetView, drone: int) -> Phase | None:
+    agent = fleet.agents.get(drone)
+    return agent.last_flying_phase if agent is not None else None
 
 
 def _px4_by_itself(vehicle: Component, case: _Case, phase: Phase | None) -> bool:

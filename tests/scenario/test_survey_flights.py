@@ -42,14 +42,17 @@ def scenario(
     flavour: str = "ardupilot",
     seed: int = 1,
     radio: MemoryRadio | None = None,
+    starts: tuple[int, ...] = (0,),
 ) -> Scenario:
+    """A flight that has begun. `starts`: whom each start command is for, 0: everybody."""
     file = directory / "survey.yaml"
     text = SURVEY.replace("COUNT", str(count)).replace("FLAVOUR", flavour).replace("SEED", str(seed))
     file.write_text(text, encoding="utf-8")
     drafted = plan(load(file), directory)
     flight = Scenario(drafted.drones, drafted.fleet, radio)
     flight.run(2.0)
-    flight.command(CommandName.START)
+    for target in starts:
+        flight.command(CommandName.START, target)
     assert flight.run_until(lambda: flight.first_takeoff_s is not None, 60.0)
     return flight
 
@@ -91,6 +94,25 @@ def test_five_drones_find_the_source_and_land_at_home(tmp_path: pathlib.Path, fl
         assert state.position_ned_m is not None
         assert state.home_ned_m is not None
         assert math.dist(state.position_ned_m[:2], state.home_ned_m[:2]) < 2.0
+
+
+@pytest.mark.parametrize("starts", [(3, 1, 0), (1, 2, 3, 5)], ids=["two-operators", "one-did-not-hear-it"])
+def test_drones_that_took_different_starts_fly_one_survey(
+    tmp_path: pathlib.Path, starts: tuple[int, ...]
+) -> None:
+    flight = scenario(tmp_path, starts=starts)
+    again = flight.command(CommandName.START)
+    flight.run(1.0)
+    assert {o.sender for o in flight.outcomes if (o.command, o.result) == (again, Result.ACCEPTED)} == {
+        1,
+        2,
+        3,
+        4,
+        5,
+    }
+    assert_found(flight)
+    assert len({tree.survey for tree in flight.trees.values()}) == 1
+    assert all(len(tree.slots) == 5 for tree in flight.trees.values()), "nobody was counted out"
 
 
 @pytest.mark.parametrize("victim", [1, 3, 5])

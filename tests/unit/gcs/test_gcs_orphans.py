@@ -239,3 +239,38 @@ def test_the_operators_command_goes_before_everything(swarm, keeper):
     requests = run(keeper, swarm, 1.1, 2.0)
     assert requests[0][1].duty is Duty.LAND
     assert "by the operator" in texts(keeper)[0]
+
+
+def test_a_pilot_who_takes_it_while_the_operators_command_is_repeated_keeps_it(swarm, keeper):
+    """The autopilot would not return; the pilot flies it down by hand."""
+    run(keeper, swarm, 0.0, 1.0)
+    del swarm.talking[2]
+    run(keeper, swarm, 1.1, 6.0)
+    keeper.command(6.0, 2, Duty.RETURN)
+    assert run(keeper, swarm, 6.1, 8.0)
+    swarm.flying[2].mode = 2  # ALT_HOLD
+    assert run(keeper, swarm, 8.1, 60.0) == []
+    assert "somebody chose ALT_HOLD: left alone" in texts(keeper)
+
+
+def test_px4_that_holds_for_want_of_setpoints_still_gets_the_operators_command(fleet, autopilot, keeper):
+    swarm = fleet()
+    swarm.flying = {2: autopilot(2, px4=True)}
+    run(keeper, swarm, 0.0, 1.0)
+    del swarm.talking[2]
+    keeper.command(1.0, 2, Duty.RETURN)
+    run(keeper, swarm, 1.1, 2.0)
+    swarm.flying[2].mode = 3 << 24 | 4 << 16
+    assert run(keeper, swarm, 2.1, 5.0)
+
+
+def test_an_operators_command_is_not_kept_for_the_next_flight(swarm, keeper):
+    run(keeper, swarm, 0.0, 1.0)
+    del swarm.talking[2]
+    keeper.command(1.0, 2, Duty.RETURN)
+    run(keeper, swarm, 1.1, 2.0)
+    vehicle = swarm.flying.pop(2)
+    run(keeper, swarm, 2.1, 70.0)
+    swarm.flying[2] = vehicle
+    swarm.talking[2] = {}
+    assert run(keeper, swarm, 70.1, 80.0) == [], "a new battery, a new flight, by its own agent"
