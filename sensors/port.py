@@ -18,6 +18,9 @@ RETRY_FIRST_S: Final = 0.5
 RETRY_LONGEST_S: Final = 5.0
 _READ_BYTES: Final = 4096
 _WRITE_TIMEOUT_S: Final = 0.05
+_TIMEOUTS_AT_MOST: Final = 3
+"""So many writes in a row may take too long. One says little: a busy machine that stops this process between
+handing the bytes over and looking at the clock looks the same as a device that does not take them."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,6 +53,7 @@ class InstrumentPort:
         self._retry_s = RETRY_FIRST_S
         self._try_at_s = now_s()
         self._events: list[PortEvent] = []
+        self._timeouts = 0
         self._closed = False
 
     @property
@@ -73,9 +77,15 @@ class InstrumentPort:
             return
         try:
             sent = self._serial.write(data)
+        except serial.SerialTimeoutException as error:
+            self._timeouts += 1
+            if self._timeouts >= _TIMEOUTS_AT_MOST:
+                self._lose(error)
+            return
         except (serial.SerialException, OSError) as error:
             self._lose(error)
             return
+        self._timeouts = 0
         if sent is not None and sent < len(data):
             self._lose(OSError("the device does not take what is sent"))
 
@@ -112,6 +122,7 @@ class InstrumentPort:
                 self._fail(outcome)
             else:
                 self._serial = outcome
+                self._timeouts = 0
                 self._retry_s = RETRY_FIRST_S
                 self._events.append(PortEvent(now_s, True))
         elif now_s >= self._try_at_s or self._try_at_s - now_s > RETRY_LONGEST_S:
@@ -151,6 +162,7 @@ def plain_reason(error: Exception) -> str:
         "socket disconnected": "the other side closed the connection",
         "returned no data": "unplugged",
         "Input/output error": "unplugged",
+        "Write timeout": "the device does not take what is sent",
     }
     return next((plain for part, plain in known.items() if part in text), text)
 

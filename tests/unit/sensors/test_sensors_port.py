@@ -101,6 +101,23 @@ def test_bytes_go_both_ways_over_a_socket(clock: Clock, listener: socket.socket)
             assert received(port, b"\n") == b"W,50.0\r\n"
 
 
+def test_one_write_that_takes_too_long_is_no_loss_and_three_in_a_row_are(
+    clock: Clock, listener: socket.socket
+) -> None:
+    with opened(url(listener), clock) as port:
+        port.read()
+        peer, _ = listener.accept()
+        with peer:
+            assert outcome(port) == (True, "")
+            flood = bytes(16 << 20)  # more than the buffers of a connection hold
+            port.write(flood)
+            port.write(flood)
+            assert port.connected
+            port.write(flood)
+            assert not port.connected
+            assert outcome(port)[0] is False
+
+
 def test_a_lost_connection_is_told_and_made_again(clock: Clock, listener: socket.socket) -> None:
     with opened(url(listener), clock) as port:
         port.read()
