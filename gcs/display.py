@@ -73,7 +73,9 @@ def _cells(row: DroneRow, alarm: Alarm | None) -> list[Text]:
 def _remark(row: DroneRow, alarm: Alarm | None) -> Text:
     if alarm is not None:
         code = alarm.code.partition(":")[0]
-        text = alarm.text if alarm.text.startswith(code) else f"{code}: {alarm.text}"
+        # An instrument's trouble begins with its name; there is room for little more.
+        named = code == "sensor" or alarm.text.startswith(code)
+        text = alarm.text if named else f"{code}: {alarm.text}"
         return Text(f"{WORDS[alarm.severity]} {text}", style=STYLES[alarm.severity])
     if row.restarts:
         return Text(f"agent restarted {row.restarts} times" if row.restarts > 1 else "agent restarted once")
@@ -81,7 +83,10 @@ def _remark(row: DroneRow, alarm: Alarm | None) -> Text:
 
 
 def _number(value: float | None, form: str) -> str:
-    return _DASH if value is None or not math.isfinite(value) else format(value, form)
+    if value is None or not math.isfinite(value):
+        return _DASH
+    text = format(value, form)
+    return text if float(text) else format(0.0, form)  # "-0" is nothing that a person reads
 
 
 def _wind(row: DroneRow) -> str:
@@ -105,7 +110,7 @@ def headline(swarm: str, rows: Sequence[DroneRow], alarms: Sequence[Alarm], stat
     best = max((row.excess_co2_ppm for row in rows if row.excess_co2_ppm is not None), default=None)
     epoch = max((row.epoch for row in rows if row.epoch is not None and row.agent == "live"), default=None)
     text = Text(f"{swarm}: {live} of {len(rows)} live, {flying} flying", style="bold")
-    text.append("" if best is None else f", CO2 +{best:.0f} ppm", style="not bold")
+    text.append("" if best is None else f", CO2 {_number(best, '+.0f')} ppm", style="not bold")
     text.append("" if epoch is None else f", epoch {epoch}", style="not bold")
     text.append(f", {station}" if station else ", no station", style="not bold")
     for severity in (Severity.CRITICAL, Severity.WARNING):

@@ -14,6 +14,7 @@ from typing import Any, Literal, TypeAlias
 import msgspec
 
 from flightstack import topics
+from flightstack.plausibility import is_estimate, is_wind, refusal
 from flightstack.transport import Received
 from flightstack.wire import (
     Command,
@@ -173,6 +174,11 @@ class FleetView:
                 return None
         match message:
             case DroneState():
+                reason = refusal(message, ())
+                if reason:
+                    self._not_understood(now_s, received.sender, reason)
+                    return None
+                message = _without_nonsense(message)
                 self.agent(message.sender).receive_state(now_s, message)
             case TreeState():
                 agent = self.agent(message.sender)
@@ -289,6 +295,17 @@ class FleetView:
             frame_matches=self.frame_matches(drone),
             notes=state.notes if state is not None and live else (),
         )
+
+
+def _without_nonsense(state: DroneState) -> DroneState:
+    """An estimate that is no number is not known; the rest of what the drone says holds."""
+    battery = state.battery_fraction
+    return msgspec.structs.replace(
+        state,
+        battery_fraction=battery if battery is not None and math.isfinite(battery) else None,
+        excess_co2_ppm=state.excess_co2_ppm if is_estimate(state.excess_co2_ppm) else None,
+        wind=state.wind if is_wind(state.wind) else None,
+    )
 
 
 def _health(age_s: float, live: bool) -> Health:

@@ -14,6 +14,7 @@ from flightstack.runner import fingerprint
 from flightstack.transport.memory import Conditions, MemoryRadio
 from flightstack.wire import CommandName, Phase, Result
 from mission.geofence import LocalFence
+from mission.observation import Stage
 from simvehicle.launch import plan
 from simvehicle.scenario import Scenario
 from simvehicle.survey import load
@@ -103,14 +104,15 @@ def test_drones_that_took_different_starts_fly_one_survey(
     flight = scenario(tmp_path, starts=starts)
     again = flight.command(CommandName.START)
     flight.run(1.0)
-    assert {o.sender for o in flight.outcomes if (o.command, o.result) == (again, Result.ACCEPTED)} == {
-        1,
-        2,
-        3,
-        4,
-        5,
-    }
-    assert_found(flight)
+    accepted = {o.sender for o in flight.outcomes if (o.command, o.result) == (again, Result.ACCEPTED)}
+    assert accepted == set(flight.members)
+
+    def search_goes_on() -> bool:
+        """The root orders a next place only when it has a reading of everybody."""
+        order = flight.trees[1].order
+        return order is not None and order.stage is Stage.SEARCH and order.sequence > 3
+
+    assert flight.run_until(search_goes_on, 120.0)
     assert len({tree.survey for tree in flight.trees.values()}) == 1
     assert all(len(tree.slots) == 5 for tree in flight.trees.values()), "nobody was counted out"
 

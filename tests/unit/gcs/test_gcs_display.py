@@ -127,3 +127,29 @@ def test_the_running_stations_alarms_are_shown_rather_than_our_own(frame, state,
     assert [(a.drone, a.code, a.age_s) for a in snapshot.alarms] == [(2, "orphan", 12.0)]
     later = observer.snapshot(20.0)
     assert later.station is None, "a station that fell silent is not one"
+
+
+def test_an_instrument_that_does_not_measure_is_seen_in_its_row_and_no_number_stands_for_it(
+    frame, state, on_air
+):
+    observer = observer_of(frame)
+    told = state(1, notes=("co2: silent, unplugged",), tracking_best_ppm=float("nan"), co2_ppm=float("nan"))
+    observer.step(1.0, [on_air(told)])
+    picture = screen(
+        "etna", observer.view.rows(1.0), observer.alarms(1.0), [], station=None, now_s=1.0, height=24
+    )
+    lines = draw(picture)
+    (row,) = [line for line in lines if line.strip().startswith("1 ")]
+    assert "WARN co2: silent" in row
+    assert any("drone 1: co2: silent, unplugged" in line for line in lines)
+    assert "nan" not in "".join(lines)
+    read = msgspec.json.decode(to_json(observer.snapshot(1.0)))
+    assert read["drones"][0]["notes"] == ["co2: silent, unplugged"]
+    assert read["drones"][0]["co2_ppm"] is None
+
+
+def test_a_little_below_the_background_is_nothing(frame, state, on_air):
+    observer = observer_of(frame)
+    observer.step(1.0, [on_air(state(1, excess_co2_ppm=Scalar(-0.2, 4.0, 0.1)))])
+    text = "\n".join(draw(report("etna", observer.view.rows(1.0), [], None, 1.0)))
+    assert "-0" not in text

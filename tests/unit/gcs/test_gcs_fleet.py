@@ -136,3 +136,19 @@ def test_a_restarted_agent_that_does_not_know_its_vehicle_yet_does_not_hide_that
     assert view.agents[1].flown
     view.receive_peer(2.2, on_air(msgspec.structs.replace(fresh, sequence=2, position_ned_m=(0.0, 0.0, 0.0))))
     assert not view.agents[1].flown
+
+
+def test_what_is_no_number_is_not_known(frame, state, on_air):
+    """A broken drone's word must neither end the station nor stand as "nan" on a display."""
+    nan = float("nan")
+    view = FleetView((1, 2), frame, 0.0)
+    told = state(
+        1, battery_fraction=nan, excess_co2_ppm=Scalar(nan, 4.0, 0.1), wind=Wind((nan, 0.0, 0.0), 0.1, 0.2)
+    )
+    assert view.receive_peer(1.0, on_air(told)) is not None
+    assert view.receive_peer(1.0, on_air(state(2, position_ned_m=(nan, 0.0, 0.0)))) is None
+    one, two = view.rows(1.0)
+    assert (one.battery_fraction, one.excess_co2_ppm, one.wind_mps, one.wind_from_deg) == (None,) * 4
+    assert one.phase == "searching"
+    assert two.agent == "never"
+    assert view.garbled["2"].text == "its position is none"
