@@ -24,9 +24,10 @@ from simvehicle.truth import TruthTail, read_tracks
 from simvehicle.watch import RECEIVES, Log, SurveyWatch
 from simvehicle.worlds import make_world
 
-LAUNCHER = "launcher"
-"""Our name among the nodes of the swarm."""
 PERIOD_WALL_S = 0.1
+HEARD_WITHIN_S = 1.0
+"""Simulated time goes no further than this past our last look at the swarm: else a busy machine would tell late when
+things happened, and give commands and kill late."""
 MISSED_LIMIT = 0.01
 """Share of missed deadlines above which the summary warns."""
 LINGER_WALL_S = 1.0
@@ -160,11 +161,13 @@ def _conduct(
     watch = SurveyWatch([drone.id for drone in survey.drones])
     conductor = Conductor(
         watch,
-        launcher=LAUNCHER,
+        launcher=launch.LAUNCHER,
         survey=plan.directory.name,
         time_limit_s=survey.config.time_limit_s,
         kills=kills,
     )
+    own = plan.slot(launch.LAUNCHER)
+    assert own is not None  # noqa: S101 (the launcher follows the clock)
     lost: list[str] = []
     finish: Finish | None = None
     with contextlib.ExitStack() as open_ends:
@@ -172,6 +175,7 @@ def _conduct(
         open_ends.callback(transport.close)
         clock = Cells(plan.clock)
         open_ends.callback(clock.close)
+        open_ends.callback(_leave, clock, plan, launch.LAUNCHER)
         truth = TruthTail(plan.truth)
         open_ends.callback(truth.close)
         display = open_ends.enter_context(progress.make_progress(watch, conductor, survey.config.speedup))
@@ -207,7 +211,8 @@ def _conduct(
                             watch.note(now_s, Severity.INFO, "end", f"{action.outcome}: {action.reason}")
             note = "landing everybody; Ctrl-C again ends at once" if interrupts.asked else ""
             display.show(now_s, wall_s=wall_s - began_s, note=note)
-            time.sleep(PERIOD_WALL_S)
+            clock.values[own] = now_s + HEARD_WITHIN_S
+            time.sleep(min(PERIOD_WALL_S, 0.5 * HEARD_WITHIN_S / survey.config.speedup))
         assert finish is not None  # noqa: S101 (the loop ends no other way)
         reached = None if moving is None else (clock.values[0] - moving[0]) / (time.monotonic() - moving[1])
     return _End(watch, conductor, finish, tuple(lost), reached)
@@ -231,7 +236,7 @@ def _join(plan: launch.Plan) -> Transport:
     from flightstack.transport.zenoh_transport import ZenohTransport
 
     return ZenohTransport(
-        plan.swarm, LAUNCHER, listen=(), connect=plan.endpoints, receives=RECEIVES, tls=None
+        plan.swarm, launch.LAUNCHER, listen=(), connect=plan.endpoints, receives=RECEIVES, tls=None
     )
 
 

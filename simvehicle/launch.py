@@ -30,6 +30,8 @@ AGENT_START_WALL_S = 60.0
 """How long agents may take to start before the ground station wonders about them."""
 VEHICLES = "vehicles"
 GROUND = "ground"
+LAUNCHER = "launcher"
+"""Our name among the nodes of the swarm and among the followers of the clock."""
 GROUND_STATION = "ground"
 """The ground station's name among the nodes of the swarm."""
 
@@ -54,7 +56,7 @@ class Plan(msgspec.Struct, frozen=True):
 
     def slot(self, process: str) -> int | None:
         """The place of a process among the followers of the clock; None for one that does not follow."""
-        followers = (GROUND, *(agent_name(drone.drone) for drone in self.drones))
+        followers = (GROUND, *(agent_name(drone.drone) for drone in self.drones), LAUNCHER)
         return followers.index(process) + 1 if process in followers else None
 
 
@@ -162,7 +164,7 @@ def plan(survey: Survey, directory: pathlib.Path) -> Plan:
         "speedup": config.speedup,
     }
     _write(directory / "ground.yaml", {key: value for key, value in ground.items() if value is not None})
-    Cells.make(directory / "clock", 1 + count).close()
+    Cells.make(directory / "clock", 2 + count).close()
     return Plan(directory, swarm, tuple(endpoints), fleet, tuple(drones))
 
 

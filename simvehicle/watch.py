@@ -81,6 +81,7 @@ class SurveyWatch:
         self.down_since_s: dict[int, float] = {}
         """Since when a vehicle has been on the ground and disarmed, by the world's record; absent if it is not."""
         self.first_takeoff_s: float | None = None
+        """By the world's record."""
         self.order: Order | None = None
         """The newest of the swarm's root."""
         self.best_ppm = 0.0
@@ -124,7 +125,7 @@ class SurveyWatch:
             else:
                 self.down_since_s.setdefault(row.drone, now_s)
             if row.airborne and self.first_takeoff_s is None:
-                self.first_takeoff_s = now_s
+                self.first_takeoff_s = row.time_s
 
     def note(self, now_s: float, severity: Severity, code: str, text: str, drone: int = 0) -> None:
         """Keep an event; those of the launcher itself have the drone 0."""
@@ -138,8 +139,6 @@ class SurveyWatch:
         self._counts[drone, state.incarnation] = (state.ticks, state.late_ticks)
         if before is None or before.phase is not state.phase:
             self._phases.append(PhaseMark(now_s, drone, state.phase))
-        if state.airborne and self.first_takeoff_s is None:
-            self.first_takeoff_s = now_s
         excess = state.excess_co2_ppm
         if state.airborne and excess is not None and state.position_ned_m and excess.mean > self.best_ppm:
             self.best_ppm, self.best_ned_m = excess.mean, state.position_ned_m

@@ -30,6 +30,8 @@ from simvehicle.truth import COLUMNS
 
 TAKE_OFF_S, SEARCH_S, TRACK_S, FOUND_S, HOME_S = 5.0, 10.0, 20.0, 40.0, 50.0
 """Seconds after the start command."""
+ENDLESS = "endless"
+"""Name of a survey that finds nothing: its drones track until they are told to land."""
 FAILSAFE_S = 6.0
 """Silence after which a stand-in vehicle goes home by itself."""
 
@@ -63,12 +65,13 @@ def agent(config: DroneConfig) -> None:
             outcome = Outcome(command.identity, config.drone, Result.ACCEPTED)
             transport.publish(topics.OUTCOME, topics.OUTCOME.codec.encode(outcome))
         age_s = -1.0 if started_s is None else now_s - started_s
-        phase, stage = _plot(age_s, landing=landing)
+        phase, stage = _plot(min(age_s, TRACK_S) if swarm.name == ENDLESS else age_s, landing=landing)
         airborne = phase not in (Phase.DISARMED, Phase.LANDED)
         share = (
             min(max((age_s - TRACK_S) / (FOUND_S - TRACK_S), 0.0), 1.0) if phase is not Phase.LANDED else 0.0
         )
-        where = (30.0 * share, -85.0 * share + 10.0 * config.drone, -10.0 if airborne else 0.0)
+        # Across the line in which they stand: how far apart they are does not hang on when each began.
+        where = (90.0 * share, 10.0 * config.drone, -10.0 if airborne else 0.0)
         if phase is Phase.LANDED:
             where = _home(config)
         ticks += 1

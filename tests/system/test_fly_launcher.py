@@ -15,9 +15,10 @@ from collections.abc import Callable, Iterator
 import psutil
 import pytest
 
+from flightstack.shared_clock import Cells
 from simvehicle import launch
 from simvehicle.conductor import Outcome
-from simvehicle.fly import Flown, fly, write_report
+from simvehicle.fly import HEARD_WITHIN_S, Flown, fly, write_report
 from simvehicle.survey import Kill, load
 
 pytestmark = pytest.mark.system
@@ -30,7 +31,7 @@ launch_line: {count: 3, spacing_m: 10.0, east_m: 20.0}
 formation: {radio_range_m: 60.0}
 plume: {type: gaussian, source_north_m: 30.0, source_east_m: -85.0}
 speedup: 20.0
-time_limit_s: 300.0
+time_limit_s: 1500.0
 """
 
 
@@ -75,11 +76,13 @@ def test_a_survey_from_start_to_report(survey_file: pathlib.Path, tmp_path: path
     got = flown.summary
     assert got.outcome == Outcome.SOURCE_FOUND
     assert (got.drones, got.alive, got.orphans, got.lost_processes) == (3, 3, (), ())
-    assert got.time_to_contact_s == pytest.approx(20.0, abs=5.0)
-    assert got.time_to_source_s == pytest.approx(40.0, abs=5.0)
+    # At 20 times real time a message that needs 0.3 s on a busy machine is heard 6 s late.
+    assert got.time_to_contact_s is not None
+    assert got.time_to_source_s is not None
+    assert 19.0 <= got.time_to_contact_s < 35.0
+    assert 39.0 <= got.time_to_source_s < 55.0
     assert got.source_error_m == pytest.approx(1.12, abs=0.01)
-    assert got.min_separation_m is not None
-    assert 5.0 < got.min_separation_m <= 10.01
+    assert got.min_separation_m == pytest.approx(10.0, abs=0.01)
     assert all(drone.home_distance_m == pytest.approx(0.0, abs=0.01) for drone in got.per_drone)
     assert json.loads((flown.directory / "summary.json").read_text())["outcome"] == "source_found"
     assert "Source found" in write_report(survey, flown).read_text(encoding="utf-8")
@@ -90,10 +93,10 @@ def test_a_survey_from_start_to_report(survey_file: pathlib.Path, tmp_path: path
 
 
 def test_a_killed_agent_and_its_orphan(survey_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
-    flown = fly(load(survey_file), out=tmp_path / "out", kills=(Kill(3, 12.0),), commands=STANDIN)
+    flown = fly(load(survey_file), out=tmp_path / "out", kills=(Kill(3, 25.0),), commands=STANDIN)
     got = flown.summary
     assert (got.outcome, got.alive) == (Outcome.SOURCE_FOUND, 2)
-    assert got.kills[3] == pytest.approx(12.0, abs=4.0)
+    assert got.kills[3] == pytest.approx(25.0, abs=2.5), "simulated time waits for the launcher"
     assert [(o.drone, o.modes) for o in got.orphans] == [(3, "GUIDED > RTL")]
     assert got.lost_processes == (), "a kill on purpose is no surprise"
     assert nothing_runs(flown.directory)
@@ -109,7 +112,9 @@ def test_a_part_that_cannot_start(survey_file: pathlib.Path, tmp_path: pathlib.P
 
 @contextlib.contextmanager
 def launcher(survey_file: pathlib.Path, out: pathlib.Path) -> Iterator[subprocess.Popen[str]]:
-    """The launcher in a process of its own, its survey in flight."""
+    """The launcher in a process of its own, its survey in flight; the test ends it."""
+    text = survey_file.read_text(encoding="utf-8")
+    survey_file.write_text(text.replace("name: stand-in", "name: endless"), encoding="utf-8")
     command = [sys.executable, str(FILE), "fly", str(survey_file), str(out)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:
@@ -143,11 +148,33 @@ def test_the_second_signal_ends_at_once(survey_file: pathlib.Path, tmp_path: pat
     out = tmp_path / "out"
     with launcher(survey_file, out) as process:
         process.send_signal(signal.SIGTERM)
-        time.sleep(0.05)
-        process.send_signal(signal.SIGTERM)
+        process.send_signal(
+            signal.SIGINT
+        )  # two of one kind would be one if they came before the first is seen
         process.communicate(timeout=30.0)
         assert process.returncode != 0
     wait_until(lambda: nothing_runs(out))
+
+
+def test_simulated_time_waits_for_the_launcher(survey_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    out = tmp_path / "out"
+    with launcher(survey_file, out) as process, contextlib.closing(clock_of(out)) as clock:
+        process.send_signal(signal.SIGSTOP)
+        stopped_s = clock.values[0]
+        wait_until(lambda: stands(clock))
+        assert clock.values[0] - stopped_s < HEARD_WITHIN_S + 0.5
+
+
+def clock_of(out: pathlib.Path) -> Cells:
+    (file,) = out.glob("*/clock")
+    return Cells(file)
+
+
+def stands(clock: Cells) -> bool:
+    """Whether the time does not move: for half a second on the wall are 10 simulated ones."""
+    before_s = clock.values[0]
+    time.sleep(0.5)
+    return clock.values[0] == before_s
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux ends the children of a killed parent")

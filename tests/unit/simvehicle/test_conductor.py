@@ -293,3 +293,9 @@ def test_garbage_on_the_air_is_counted_and_changes_nothing() -> None:
     watch.hear(2.0, topics.STATE, b"")
     assert watch.states == {}
     assert sum(watch.unreadable.values()) == 2
+
+
+def test_the_takeoff_is_when_the_worlds_record_has_it_not_when_it_was_read() -> None:
+    watch = SurveyWatch([1])
+    watch.see(51.0, [TruthRow(50.2, 1, (0.0, 0.0, -0.1), True, True, "GUIDED", 420.0, 1.0)])
+    assert watch.since_takeoff_s(52.2) == pytest.approx(2.0)
