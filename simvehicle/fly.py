@@ -98,6 +98,11 @@ def fly(
             log_dir=_shown(directory),
             warnings=(
                 *survey.warnings,
+                *(
+                    f"drone {kill.drone}'s agent was not killed at {kill.at_s:g} s: it or the survey had ended"
+                    for kill in kills
+                    if kill.drone not in end.conductor.kills
+                ),
                 *(f"{name} had to be killed at the end" for name in stubborn),
                 *_too_slow(log),
                 *(f"{n} unreadable messages: {problem}" for problem, n in end.watch.unreadable.items()),

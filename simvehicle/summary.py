@@ -14,7 +14,7 @@ from mission.frames import LocalFrame, Vector3
 from mission.geofence import Geofence, LocalFence
 from mission.observation import Stage
 from simvehicle.config import FleetConfig
-from simvehicle.truth import STEP_S, Track
+from simvehicle.truth import LONGEST_STEP_S, STEP_S, Track
 from simvehicle.watch import Log
 
 FENCE_TOLERANCE_M = 1.0
@@ -133,7 +133,7 @@ def summarise(
     closest = closest_approach(tracks)
     homes = {v.id: (v.home_north_m, v.home_east_m) for v in fleet.vehicles}
     drones = tuple(_drone(d, tracks.get(d), homes[d], d in ending.alive) for d in sorted(homes))
-    ends_s = [float(track.time_s[-1]) for track in tracks.values() if track.airborne.any()]
+    simulated_s = max((float(t.time_s[-1]) for t in tracks.values() if t.airborne.any()), default=0.0)
     return Summary(
         outcome=ending.outcome,
         reason=ending.reason,
@@ -158,13 +158,21 @@ def summarise(
         lost_processes=ending.lost_processes,
         missed_deadline_fraction=round(log.late_ticks / max(log.ticks, 1), 5),
         per_drone=drones,
-        simulated_s=round(max(ends_s, default=0.0), 1),
+        simulated_s=round(simulated_s, 1),
         wall_s=round(ending.wall_s, 1),
         speedup=fleet.speedup,
         speedup_reached=_rounded(ending.speedup_reached, 2),
         seed=fleet.seed,
         log_dir=ending.log_dir,
-        warnings=ending.warnings,
+        warnings=(
+            *ending.warnings,
+            *(
+                f"the {fault.kind.replace('_', ' ')} of drone {fault.drone} at {fault.at_s:g} s did not happen: "
+                f"the survey had ended"
+                for fault in fleet.faults
+                if fault.at_s >= simulated_s
+            ),
+        ),
     )
 
 
@@ -194,21 +202,23 @@ def closest_approach(tracks: Mapping[int, Track]) -> Approach | None:
 
 def _pair_approach(a: Track, b: Track) -> tuple[float, float] | None:
     """(distance_m, time_s) of the closest approach of two flying vehicles; None if they never flew together."""
-    ticks_a, ticks_b = np.rint(a.time_s / STEP_S).astype(int), np.rint(b.time_s / STEP_S).astype(int)
-    ticks, at_a, at_b = np.intersect1d(ticks_a, ticks_b, return_indices=True)
+    # The record has both at the same moments, in hundredths of a second.
+    moments_a, moments_b = np.rint(a.time_s * 100.0).astype(int), np.rint(b.time_s * 100.0).astype(int)
+    moments, at_a, at_b = np.intersect1d(moments_a, moments_b, return_indices=True)
+    time_s = moments / 100.0
     flying = a.airborne[at_a] & b.airborne[at_b]
     if not flying.any():
         return None
     apart = a.position_ned_m[at_a] - b.position_ned_m[at_b]
-    # Relative motion from each sample to the next, where the next is the very next and both still fly.
+    # Relative motion from each sample to the next, where the next is near enough and both still fly.
     step = np.zeros_like(apart)
-    follows = flying[:-1] & flying[1:] & (np.diff(ticks) == 1)
+    follows = flying[:-1] & flying[1:] & (np.diff(time_s) <= LONGEST_STEP_S)
     step[:-1][follows] = (apart[1:] - apart[:-1])[follows]
     speed2 = np.einsum("ij,ij->i", step, step)
     share = np.clip(-np.einsum("ij,ij->i", apart, step) / np.where(speed2 > 0.0, speed2, 1.0), 0.0, 1.0)
     distance_m = np.where(flying, np.linalg.norm(apart + share[:, None] * step, axis=1), np.inf)
     nearest = int(np.argmin(distance_m))
-    return float(distance_m[nearest]), float(ticks[nearest] * STEP_S)
+    return float(distance_m[nearest]), float(time_s[nearest])
 
 
 def fence_breaches(tracks: Mapping[int, Track], frame: LocalFrame, geofence: Geofence | None) -> int:

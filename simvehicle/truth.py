@@ -29,6 +29,9 @@ COLUMNS = (
 )
 """Of the file, in this order; see `simvehicle.config.FleetConfig.truth`."""
 STEP_S = 0.1
+"""Simulated time from one row of a vehicle to its next, on average: a row belongs to the step that it was made in."""
+LONGEST_STEP_S = 0.3
+"""Two rows of a vehicle that are further apart than this are not neighbours: something is missing between them."""
 
 
 class TruthRow(NamedTuple):
@@ -88,7 +91,7 @@ class TruthTail:
 
 @dataclasses.dataclass(frozen=True)
 class Track:
-    """One vehicle's way, sampled every `STEP_S`; all arrays of one length n."""
+    """One vehicle's way, sampled about every `STEP_S`; all arrays of one length n."""
 
     drone: int
     time_s: Floats

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import pathlib
@@ -14,7 +15,7 @@ from mission.frames import Geodetic, LocalFrame
 from mission.geofence import Geofence
 from mission.observation import Order, Stage
 from simvehicle import summary
-from simvehicle.config import FleetConfig, VehicleSpec
+from simvehicle.config import FaultSpec, FleetConfig, VehicleSpec
 from simvehicle.truth import Track, TruthRow, TruthTail, make_tracks, parse_row, read_tracks
 from simvehicle.watch import EventMark, Log, OrderMark
 
@@ -45,7 +46,13 @@ def track(
     )
 
 
-def summarise(tracks: dict[int, Track], log: Log | None = None, **ending: object) -> summary.Summary:
+def summarise(
+    tracks: dict[int, Track],
+    log: Log | None = None,
+    *,
+    faults: tuple[FaultSpec, ...] = (),
+    **ending: object,
+) -> summary.Summary:
     values: dict[str, object] = {
         "outcome": "source_found",
         "reason": "found",
@@ -61,6 +68,7 @@ def summarise(tracks: dict[int, Track], log: Log | None = None, **ending: object
         vehicles=tuple(
             VehicleSpec(id=d, links=("udpout:127.0.0.1:1",), home_north_m=20.0 * d) for d in (1, 2)
         ),
+        faults=faults,
     )
     return summary.summarise(
         "test",
@@ -82,6 +90,23 @@ def test_the_closest_approach_lies_between_samples_and_in_three_dimensions() -> 
     assert near is not None
     assert near.distance_m == pytest.approx(5.0, abs=1e-6)
     assert near.time_s == pytest.approx(30.0, abs=0.11)
+
+
+def test_the_closest_approach_between_rows_that_are_not_evenly_spaced() -> None:
+    """As the vehicles' process writes them: a row belongs to the step that it was made in."""
+    times_s = TIMES_S + np.resize([0.0, 0.04, 0.06, 0.0], len(TIMES_S))  # 0, 0.14, 0.26, 0.3, 0.4, …
+    one = dataclasses.replace(track(1, 10.0 * (times_s - 28.2)), time_s=times_s)
+    other = dataclasses.replace(track(2, -10.0 * (times_s - 28.2), up_m=15.0), time_s=times_s)
+    near = summary.closest_approach({1: one, 2: other})
+    assert near is not None
+    assert near.distance_m == pytest.approx(5.0, abs=0.01)
+
+
+def test_a_fault_that_came_too_late_is_told() -> None:
+    fault = FaultSpec(drone=2, at_s=99.0, kind="gps_loss")
+    told = summarise({1: track(1, 0.0), 2: track(2, 9.0)}, faults=(fault,)).warnings
+    assert told == ("the gps loss of drone 2 at 99 s did not happen: the survey had ended",)
+    assert summarise({1: track(1, 0.0)}, faults=(FaultSpec(drone=1, at_s=9.0, kind="motor"),)).warnings == ()
 
 
 def test_vehicles_on_the_ground_have_no_separation() -> None:
