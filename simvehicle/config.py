@@ -22,7 +22,7 @@ class WindConfig(Section, frozen=True, kw_only=True):
     from_deg: Annotated[float, Meta(ge=0.0, le=360.0)] = 90.0
     """Where the mean wind comes from, degrees clockwise from north."""
     gust_sd_mps: Annotated[float, Meta(ge=0.0)] = 0.3
-    gust_time_s: Annotated[float, Meta(gt=0.0)] = 5.0
+    gust_time_s: Annotated[float, Meta(ge=0.1)] = 5.0
 
 
 class GaussianPlume(Section, frozen=True, kw_only=True, tag="gaussian", tag_field="type"):
@@ -30,10 +30,10 @@ class GaussianPlume(Section, frozen=True, kw_only=True, tag="gaussian", tag_fiel
 
     source_north_m: float
     source_east_m: float
-    source_above_home_m: float = 10.0
+    source_above_home_m: Annotated[float, Meta(ge=0.0)] = 10.0
     """Effective release height: the vent's height plus the plume's rise."""
     emission_kgps: Annotated[float, Meta(gt=0.0)] = 1.0
-    vent_sd_m: Annotated[float, Meta(gt=0.0)] = 4.0
+    vent_sd_m: Annotated[float, Meta(gt=0.0, le=1000.0)] = 4.0
     """Standard deviation of the plume's cross-section at the vent."""
 
 

@@ -280,6 +280,7 @@ def over_time(
         altitude.annotate(
             text, (at_s / 60.0, 1.0), xycoords=("data", "axes fraction"), xytext=(2, -2),
             textcoords="offset points", rotation=90, ha="left", va="top", fontsize=8,
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.8},
         )  # fmt: skip
     phases.set_xlabel("minutes since the first take-off (simulated)")
     return figure

@@ -6,7 +6,7 @@ import itertools
 import math
 import pathlib
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -27,12 +27,14 @@ from flightstack.config import (
 )
 from flightstack.config_file import problems
 from mission.documents import DocumentError, line_of, parse
-from mission.frames import Geodetic, LocalFrame
+from mission.frames import Geodetic, LocalFrame, wind_from
 from mission.geofence import Circle, Geofence, LocalFence, Vertex
 from mission.plan_file import read_plan
 from sensors.errors import SensorError
+from simvehicle.autopilot.parameters import Parameters, UnknownParameterError
 from simvehicle.config import FARTHEST_HOME_M, FaultSpec, GaussianPlume, LocusGridPlume, WindConfig
 from simvehicle.instruments import make_emulator
+from simvehicle.plumes import make_plume
 
 Flavour = Literal["ardupilot", "px4"]
 
@@ -153,7 +155,7 @@ def load(
         seed=config.seed if seed is None else seed,
         faults=(*config.faults, *extra_faults),
     )
-    return _Checks(file, text, config).run()
+    return _Checks(file, text, config, extra_faults).run()
 
 
 _FAULT = re.compile(
@@ -202,10 +204,14 @@ def parse_kill(text: str) -> Kill:
 class _Checks:
     """The checks of one survey, each raising the first problem that it finds."""
 
-    def __init__(self, file: str, text: str, config: SurveyConfig) -> None:
+    def __init__(
+        self, file: str, text: str, config: SurveyConfig, extra_faults: tuple[FaultSpec, ...]
+    ) -> None:
+        """`extra_faults`: those of `config` that the command line added."""
         self._file = file
         self._text = text
         self._config = config
+        self._extra_faults = extra_faults
         self._frame = LocalFrame(config.origin)
         self._warnings: list[str] = []
 
@@ -216,6 +222,7 @@ class _Checks:
         self._in_the_fence(drones, fence)
         self._as_agents_see_it(drones, fence)
         self._emulated(drones)
+        self._plume()
         self._faults(drones)
         return Survey(self._config, drones, fence, tuple(self._warnings))
 
@@ -297,6 +304,22 @@ class _Checks:
                     make_emulator(instrument.type, np.random.default_rng(0))
                 except SensorError as error:
                     raise self._fail(f"{field}[{place}].type", str(error)) from error
+            try:
+                Parameters(drone.flavour, drone.parameters)
+            except UnknownParameterError as error:
+                raise self._fail(f"drones[{index}].parameters", str(error)) from error
+
+    def _plume(self) -> None:
+        plume, wind = self._config.plume, self._config.wind
+        if not isinstance(plume, GaussianPlume):
+            return
+        drawn = make_plume(plume, wind_from(wind.speed_mps, wind.from_deg), self._config.origin.amsl_m)
+        most_ppm = drawn.excess_co2_ppm(drawn.source_ned_m, 0.0)
+        if most_ppm > 1e6:
+            raise self._fail(
+                "plume.vent_sd_m",
+                f"{most_ppm:.3g} ppm at the vent is more than pure CO2; give it a wider vent or a smaller emission",
+            )
 
     def _geofence(self) -> Geofence | None:
         given = self._config.geofence
@@ -343,15 +366,30 @@ class _Checks:
 
     def _faults(self, drones: tuple[SurveyDrone, ...]) -> None:
         by_id = {drone.id: drone for drone in drones}
+        own = len(self._config.faults) - len(self._extra_faults)
         for index, fault in enumerate(self._config.faults):
-            field = f"faults[{index}]"
-            if fault.drone not in by_id:
-                raise self._fail(f"{field}.drone", f"there is no drone {fault.drone} in this survey")
-            names = [i.name for i in by_id[fault.drone].instruments or ()]
-            if fault.kind == "unplug" and fault.instrument not in names:
-                raise self._fail(
-                    f"{field}.instrument",
-                    f"drone {fault.drone} carries no instrument called {fault.instrument!r}, but {names}",
-                )
-            if fault.until_s is not None and fault.until_s <= fault.at_s:
-                raise self._fail(f"{field}.until_s", "it must mend after it broke")
+            for field, problem in _fault_problems(fault, by_id):
+                if index >= own:
+                    raise DocumentError(f"--fault {_fault_option(fault)}", problem)
+                raise self._fail(f"faults[{index}].{field}", problem)
+
+
+def _fault_problems(fault: FaultSpec, drones: Mapping[int, SurveyDrone]) -> Iterator[tuple[str, str]]:
+    if fault.drone not in drones:
+        yield "drone", f"there is no drone {fault.drone}, but {list(drones)}"
+        return
+    names = [i.name for i in drones[fault.drone].instruments or ()]
+    if fault.kind == "unplug" and fault.instrument not in names:
+        yield (
+            "instrument",
+            f"drone {fault.drone} carries no instrument called {fault.instrument!r}, but {names}",
+        )
+    if fault.until_s is not None and fault.until_s <= fault.at_s:
+        yield "until_s", f"it breaks at {fault.at_s:g} s, so it cannot mend at {fault.until_s:g} s"
+
+
+def _fault_option(fault: FaultSpec) -> str:
+    """As `parse_fault` reads it."""
+    instrument = f"{fault.instrument}-" if fault.instrument else ""
+    until = "" if fault.until_s is None else f"-{fault.until_s:g}"
+    return f"{instrument}{fault.kind.replace('_', '-')}:{fault.drone}@{fault.at_s:g}{until}"

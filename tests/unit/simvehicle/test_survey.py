@@ -78,6 +78,9 @@ def test_a_file_that_is_not_text(tmp_path: pathlib.Path) -> None:
         ("seed: 1", "seed: 1\ninstruments: [{name: co2, type: sba6}]", ["instruments[0].type", "sba5"]),
         ("seed: 1", "seed: 1\ninstruments: [{name: a, type: sba5}, {name: a, type: sba5}]", ["instruments[1].name"]),
         ("launch_line:", "drones: [{id: 1}]\nlaunch_line:", ["drones", "one of them"]),
+        ("gust_time_s: 5.0", "gust_time_s: 0.001", ["wind.gust_time_s", ">= 0.1"]),
+        ("vent_sd_m: 4.0", "vent_sd_m: 0.1", ["plume.vent_sd_m", "more than pure CO2"]),
+        ("source_above_home_m: 10.0", "source_above_home_m: -1.0", ["plume.source_above_home_m"]),
         ("geofence:", "geofence:\n  file: none.plan", ["geofence.file", "not both"]),
     ],
 )  # fmt: skip
@@ -94,6 +97,15 @@ def test_two_drones_with_one_id(tmp_path: pathlib.Path) -> None:
     drones = "drones:\n- {id: 1}\n- {id: 2, home_north_m: 10}\n- {id: 1, home_north_m: 20}\n"
     message = refused(tmp_path, head + drones + rest[rest.index("formation:") :])
     assert message.startswith(":12: drones[2].id: drones[0] has the id 1 too")
+
+
+def test_a_parameter_that_the_flavour_does_not_have(tmp_path: pathlib.Path) -> None:
+    head, _, rest = GOOD.partition("launch_line:")
+    drones = "drones:\n- {id: 1}\n- {id: 2, home_north_m: 10, parameters: {RTL_RETURN_ALT: 20}}\n"
+    message = refused(tmp_path, head + drones + rest[rest.index("formation:") :])
+    assert message.startswith(
+        ":11: drones[1].parameters: parameters.RTL_RETURN_ALT: the simulated ardupilot has no"
+    )
 
 
 def test_a_source_outside_the_fence_is_only_warned_of(tmp_path: pathlib.Path) -> None:
@@ -149,6 +161,19 @@ def test_faults_from_the_command_line() -> None:
 def test_faults_that_mean_nothing(text: str) -> None:
     with pytest.raises(DocumentError, match="--fault"):
         parse_fault(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("motor:9@1", r"there is no drone 9, but \[1, 2, 3, 4, 5\]"),
+        ("wind-unplug:2@1", "no instrument called 'wind', but \\['co2'\\]"),
+        ("gps-loss:3@75-60", "it breaks at 75 s, so it cannot mend at 60 s"),
+    ],
+)
+def test_faults_that_do_not_fit_the_survey_are_named_as_they_were_given(text: str, problem: str) -> None:
+    with pytest.raises(DocumentError, match=rf"^--fault {text}: .*{problem}"):
+        load(EXAMPLES / "survey.yaml", extra_faults=(parse_fault(text),))
 
 
 def test_kills_from_the_command_line() -> None:
