@@ -28,7 +28,9 @@ class Ended:
 
     def __str__(self) -> str:
         how = f"signal {-self.code}" if self.code < 0 else f"exit code {self.code}"
-        return f"{self.name} ended ({how}){': ' + self.last_line if self.last_line else ''}"
+        # Who is killed has no last words: its last line is about something else.
+        words = "" if -self.code in (signal.SIGKILL, signal.SIGTERM) else self.last_line
+        return f"{self.name} ended ({how}){': ' + words if words else ''}"
 
 
 class Processes:
@@ -93,14 +95,18 @@ class Processes:
         return True
 
     def stop(self, grace_s: float = 5.0) -> list[str]:
-        """End all: SIGTERM, and SIGKILL after `grace_s` wall seconds; returns who needed the latter."""
-        for process in self._running.values():
-            self._signal(process, signal.SIGTERM)
+        """End all: SIGTERM, and SIGKILL after `grace_s` wall seconds; returns who needed the latter.
+
+        Half-way there is a second SIGTERM: the first tells an agent in flight to go home, this one to end.
+        """
         stubborn: list[str] = []
         try:
-            deadline_s = time.monotonic() + grace_s
-            while time.monotonic() < deadline_s and any(p.poll() is None for p in self._running.values()):
-                time.sleep(_POLL_S)
+            for _ in range(2):
+                for process in self._running.values():
+                    self._signal(process, signal.SIGTERM)
+                deadline_s = time.monotonic() + grace_s / 2.0
+                while time.monotonic() < deadline_s and any(p.poll() is None for p in self._running.values()):
+                    time.sleep(_POLL_S)
         finally:
             for name, process in self._running.items():
                 if process.poll() is None:

@@ -61,6 +61,28 @@ def test_who_does_not_listen_is_killed(tmp_path: pathlib.Path) -> None:
     assert processes.running == ()
 
 
+def test_who_first_goes_home_is_told_twice(tmp_path: pathlib.Path) -> None:
+    program = """
+        import signal, time
+        told = []
+        signal.signal(signal.SIGTERM, lambda *_: told.append(1))
+        print("flying", flush=True)
+        while len(told) < 2:
+            time.sleep(0.02)
+        print("recording closed")
+    """
+    processes = Processes(tmp_path)
+    processes.start("agent", [sys.executable, "-c", textwrap.dedent(program)])
+    wait_until(lambda: last_line(tmp_path / "agent.log") == "flying")
+    assert processes.stop(grace_s=10.0) == []
+    assert last_line(tmp_path / "agent.log") == "recording closed"
+
+
+def test_a_killed_process_has_no_last_words() -> None:
+    assert str(Ended("vehicles", -9, "Ctrl-C ends it")) == "vehicles ended (signal 9)"
+    assert str(Ended("vehicles", -6, "out of memory")) == "vehicles ended (signal 6): out of memory"
+
+
 def test_a_death_is_noticed_once_with_its_last_words(tmp_path: pathlib.Path) -> None:
     with Processes(tmp_path) as processes:
         processes.start("short", [sys.executable, "-c", "print('port 5 is in use\\n'); raise SystemExit(2)"])
