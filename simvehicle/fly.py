@@ -141,6 +141,12 @@ def words(flown: summary.Summary) -> str:
         f"{separation}, {flown.missed_deadline_fraction:.2%} of deadlines missed"
     )
     lines += [f"drone {orphan.drone}: {orphan.story}" for orphan in flown.orphans]
+    told = {orphan.drone for orphan in flown.orphans}
+    lines += [
+        f"drone {d.drone}: came down {d.home_distance_m:.1f} m from its home, in {d.last_mode}"
+        for d in flown.per_drone
+        if d.away and d.drone not in told
+    ]
     lines += [*flown.lost_processes, *flown.warnings]
     reached = "" if flown.speedup_reached is None else f" ({flown.speedup_reached:.1f} times real time)"
     lines.append(

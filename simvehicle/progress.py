@@ -55,9 +55,9 @@ class _View:
             parts.append(f"{elapsed_s:.0f} s simulated")
         parts.append(f"{wall_s:.0f} s elapsed at {self._speedup:g}x")
         parts.append(f"{len(self._conductor.alive)} of {len(watch.members)} agents run")
-        if watch.best_ppm > 0.0:
+        if watch.best_co2_ppm is not None:
             away_m = watch.from_best_m()
-            best = f"best {watch.best_ppm:.0f} ppm"
+            best = f"best {watch.best_co2_ppm:.0f} ppm"
             parts.append(f"{best}, {away_m:.0f} m away" if away_m is not None else best)
         if note:
             parts.append(note)

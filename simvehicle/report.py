@@ -90,7 +90,9 @@ def page(survey: Survey, summary: Summary, tracks: Mapping[int, Track], log: Log
 def _sentence(summary: Summary) -> str:
     if summary.outcome != "source_found":
         return f"{summary.reason[:1].upper()}{summary.reason[1:]}."
-    text = f"{summary.alive} of {summary.drones} drones came home alive"
+    text = f"{summary.alive} of {summary.drones} drones are alive"
+    away = [d for d in summary.per_drone if d.away]
+    text += "".join(f", drone {d.drone} came down {d.home_distance_m:.0f} m from its home" for d in away)
     if summary.time_to_source_s is not None:
         text += f"; the source was found {duration(summary.time_to_source_s)} after the first take-off"
     if summary.source_error_m is not None:

@@ -19,6 +19,8 @@ from simvehicle.watch import Log
 
 FENCE_TOLERANCE_M = 1.0
 """How far inside a drone must be again before a breach of the fence has ended."""
+HOME_M = 5.0
+"""A vehicle that landed within this distance of where it started is home."""
 HARD_LANDING_MPS = 3.0
 """A vehicle that met the ground faster than this has crashed."""
 
@@ -37,6 +39,11 @@ class DroneSummary(msgspec.Struct, frozen=True):
     last_mode: str
     battery_fraction: float | None
     highest_co2_ppm: float | None
+
+    @property
+    def away(self) -> bool:
+        """It came down somewhere else than at home."""
+        return self.landed and self.home_distance_m is not None and self.home_distance_m > HOME_M
 
 
 class Orphan(msgspec.Struct, frozen=True):

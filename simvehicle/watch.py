@@ -84,7 +84,8 @@ class SurveyWatch:
         """By the world's record."""
         self.order: Order | None = None
         """The newest of the swarm's root."""
-        self.best_ppm = 0.0
+        self.best_co2_ppm: float | None = None
+        """The highest reading of any flying drone: what the instrument said, not what a filter made of it."""
         self.best_ned_m: Vector3 | None = None
         self.unreadable: dict[str, int] = {}
         """Messages that could not be decoded, by problem, with how often."""
@@ -139,9 +140,11 @@ class SurveyWatch:
         self._counts[drone, state.incarnation] = (state.ticks, state.late_ticks)
         if before is None or before.phase is not state.phase:
             self._phases.append(PhaseMark(now_s, drone, state.phase))
-        excess = state.excess_co2_ppm
-        if state.airborne and excess is not None and state.position_ned_m and excess.mean > self.best_ppm:
-            self.best_ppm, self.best_ned_m = excess.mean, state.position_ned_m
+        co2_ppm = state.co2_ppm
+        if co2_ppm is None or not state.airborne or state.position_ned_m is None:
+            return
+        if self.best_co2_ppm is None or co2_ppm > self.best_co2_ppm:
+            self.best_co2_ppm, self.best_ned_m = co2_ppm, state.position_ned_m
 
     def _tree(self, now_s: float, tree: TreeState) -> None:
         if (tree.epoch, tree.author) not in self._assignments:

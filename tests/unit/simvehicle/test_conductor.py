@@ -9,7 +9,7 @@ import pytest
 
 from flightstack import topics, wire
 from flightstack.wire import CommandName, DroneState, Phase, Result, TreeState
-from mission.observation import Order, Stage
+from mission.observation import Order, Scalar, Stage
 from simvehicle.conductor import Action, Conductor, Finish, Give, KillAgent, Outcome
 from simvehicle.processes import Ended
 from simvehicle.survey import Kill
@@ -299,3 +299,15 @@ def test_the_takeoff_is_when_the_worlds_record_has_it_not_when_it_was_read() -> 
     watch = SurveyWatch([1])
     watch.see(51.0, [TruthRow(50.2, 1, (0.0, 0.0, -0.1), True, True, "GUIDED", 420.0, 1.0)])
     assert watch.since_takeoff_s(52.2) == pytest.approx(2.0)
+
+
+def test_the_best_reading_is_what_an_instrument_said_in_the_air() -> None:
+    watch = SurveyWatch([1])
+    for airborne, co2_ppm, filtered_ppm in ((False, 900.0, 0.0), (True, 700.0, 900.0), (True, 600.0, 9000.0)):
+        said = msgspec.structs.replace(
+            state(1, Phase.TRACKING, airborne=airborne),
+            co2_ppm=co2_ppm,
+            excess_co2_ppm=Scalar(filtered_ppm, 1.0, 0.1),
+        )
+        watch.hear(1.0, topics.STATE, topics.STATE.codec.encode(said))
+    assert watch.best_co2_ppm == 700.0

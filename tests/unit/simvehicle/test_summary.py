@@ -16,6 +16,7 @@ from mission.geofence import Geofence
 from mission.observation import Order, Stage
 from simvehicle import summary
 from simvehicle.config import FaultSpec, FleetConfig, VehicleSpec
+from simvehicle.fly import words
 from simvehicle.truth import Track, TruthRow, TruthTail, make_tracks, parse_row, read_tracks
 from simvehicle.watch import EventMark, Log, OrderMark
 
@@ -194,6 +195,13 @@ def test_a_vehicle_that_fell_is_not_alive() -> None:
     got = summarise({1: gently, 2: fallen})
     assert [d.crashed for d in got.per_drone] == [False, True]
     assert got.alive == 1
+
+
+def test_who_comes_down_away_from_home_is_told() -> None:
+    flying = TIMES_S < 50.0
+    got = summarise({1: track(1, 20.0, airborne=flying), 2: track(2, 107.0, airborne=flying)})
+    assert [d.away for d in got.per_drone] == [False, True]
+    assert "drone 2: came down 67.0 m from its home, in GUIDED" in words(got).splitlines()
 
 
 def test_the_summary_file_is_json_with_the_promised_names(tmp_path: pathlib.Path) -> None:
