@@ -18,8 +18,9 @@ from flightstack.autopilot import AutopilotSession, VehicleReport
 from flightstack.belief import Belief
 from flightstack.config import DroneConfig
 from flightstack.deciding import consult
-from flightstack.guard import AGEING_LIMIT_M, SEPARATION_MARGIN_M, Guard, Guarded, PositionTarget
-from flightstack.guidance import CORRIDOR_M, horizontal_m, landing_point, over_the_top, underneath
+from flightstack.guard import Guard, Guarded, PositionTarget
+from flightstack.guidance import over_the_top, underneath
+from flightstack.homecoming import Homecoming, Leaving
 from flightstack.launch_point import unfit
 from flightstack.phase import IN_FORMATION, Ask, FlightPhase, Note, PhaseStep, SwarmFacts, VehicleFacts
 from flightstack.sensing import PortInput, Sensed, Sensing
@@ -45,12 +46,6 @@ from mission.observation import (
 from mission.search import make
 from sensors.samples import InstrumentState, Sample
 from sensors.wind_filter import VehicleMotion
-
-LANDING_HEIGHT_M = 4.0
-"""Height over home at which the autopilot's own landing takes over."""
-
-STUCK_S = 60.0
-"""How long a returning drone may come no nearer to its home before it lands where it is."""
 
 TRANSFER_LIMIT_S = 60.0
 """How long the swarm waits for an heir on its way to the empty slot."""
@@ -105,10 +100,10 @@ class Agent:
         )
         self._fence = LocalFence(self.frame, config.geofence) if config.geofence else None
         self._guard = Guard(config.limits, self._fence)
-        self._landing_ned_m: Vector3 | None = None
-        """Where this drone comes down: home, unless somebody hovers there who will not make way."""
         layer = config.swarm.members.index(config.drone) % config.formation.layers
         self._layer_above_home_m = config.formation.above_home_m + config.formation.layer_gap_m * (layer + 1)
+        self._homecoming = Homecoming(config.limits, self._fence, -self._layer_above_home_m)
+        self._leaving = Leaving(config.limits)
         self._strategy = self._new_strategy()
         self._rng = np.random.default_rng((config.seed, config.drone))
         self._decision: Decision | None = None
@@ -120,9 +115,6 @@ class Agent:
         self._sequence = 0
         self._events = 0
         self._sent_s: dict[str, float] = {}
-        self._battery_low_since_s: float | None = None
-        self._nearest_home: tuple[float, float] | None = None
-        """(how far, since when) while returning."""
 
     def step(self, now_s: float, inputs: Inputs) -> Outputs:
         """One tick. `now_s` is this drone's own time, seconds; it must not go back."""
@@ -147,7 +139,8 @@ class Agent:
         )
         notes += self._tree_notes(news)
         neighbours = self._belief.neighbours(now_s)
-        self._choose_landing(vehicle, neighbours)
+        returning = self.phase.phase is Phase.RETURNING
+        self._homecoming.step(now_s, vehicle, neighbours, returning=returning)
         # phase
         phase = self.phase.step(
             now_s, inbox.commands, self._vehicle_facts(vehicle), self._swarm_facts(now_s, vehicle, place)
@@ -272,51 +265,15 @@ class Agent:
         )
 
     def _swarm_facts(self, now_s: float, vehicle: VehicleReport, place: TreePlace) -> SwarmFacts:
-        position, home = vehicle.position_ned_m, self._landing_ned_m
-        over_home = (
-            position is not None
-            and home is not None
-            and horizontal_m(position, home) < CORRIDOR_M
-            and home[2] - position[2] < LANDING_HEIGHT_M + 0.5
-        )
         return SwarmFacts(
             order=self._tree.order,
             member=place.slot >= 0,
             at_slot=self._at_slot(vehicle),
-            over_home=over_home,
-            stuck=self._stuck(now_s, position, home),
+            over_home=self._homecoming.over_home,
+            stuck=self._homecoming.stuck,
             shut_out=self._tree.shut_out,
             must_return=self._must_return(now_s, vehicle),
         )
-
-    def _choose_landing(self, vehicle: VehicleReport, neighbours: tuple[Neighbour, ...]) -> None:
-        """Home, or a place beside it; chosen anew only when the one chosen before is blocked."""
-        home = vehicle.home_ned_m
-        if home is None or self.phase.phase is not Phase.RETURNING:
-            self._landing_ned_m = home
-            return
-        config = self.config
-        margin_m = config.limits.fence_margin_m
-        room_m = config.limits.separation_m + SEPARATION_MARGIN_M + AGEING_LIMIT_M + CORRIDOR_M
-
-        def allowed(north_m: float, east_m: float) -> bool:
-            return self._fence is None or self._fence.clearance_m(north_m, east_m) >= margin_m
-
-        chosen = self._landing_ned_m or home
-        still_good = landing_point(chosen, neighbours, room_m, allowed) == chosen
-        self._landing_ned_m = chosen if still_good else landing_point(home, neighbours, room_m, allowed)
-
-    def _stuck(self, now_s: float, position: Vector3 | None, home: Vector3 | None) -> bool:
-        """Whether this drone is returning and has come no nearer to its home for a minute."""
-        if self.phase.phase is not Phase.RETURNING or position is None or home is None:
-            self._nearest_home = None
-            return False
-        distance_m = horizontal_m(position, home)
-        # The climb to the layer and the descent at home are progress too, though not horizontal.
-        way_m = distance_m if distance_m > CORRIDOR_M else home[2] - position[2] - 1000.0
-        if self._nearest_home is None or way_m < self._nearest_home[0] - 0.5:
-            self._nearest_home = (way_m, now_s)
-        return now_s - self._nearest_home[1] > STUCK_S
 
     def _must_return(self, now_s: float, vehicle: VehicleReport) -> str:
         limits = self.config.limits
@@ -327,21 +284,7 @@ class Agent:
                 return reason
         if self._strategy_failure and vehicle.armed:
             return self._strategy_failure
-        battery = vehicle.battery_fraction
-        if battery is None or battery > limits.battery_return_fraction:
-            self._battery_low_since_s = None
-        elif self._battery_low_since_s is None:
-            self._battery_low_since_s = now_s
-        elif now_s - self._battery_low_since_s > 3.0:  # a sag under load is not an empty battery
-            return f"battery at {battery:.0%}, below {limits.battery_return_fraction:.0%}"
-        heard_s = self._belief.ground_heard_s
-        if (
-            limits.ground_lost_s is not None
-            and heard_s is not None
-            and now_s - heard_s > limits.ground_lost_s
-        ):
-            return f"ground station silent for more than {limits.ground_lost_s:.0f} s"
-        return ""
+        return self._leaving.reason(now_s, vehicle.battery_fraction, self._belief.ground_heard_s)
 
     def _ask(self, phase: PhaseStep) -> None:
         for ask in phase.asks:
@@ -378,10 +321,8 @@ class Agent:
         match phase.phase:
             case Phase.FORMING if target is not None:
                 return GoTo(over_the_top(position, target, -self._layer_above_home_m))
-            case Phase.RETURNING if self._landing_ned_m is not None:
-                home = self._landing_ned_m
-                over = (home[0], home[1], home[2] - LANDING_HEIGHT_M)
-                return GoTo(over_the_top(position, over, -self._layer_above_home_m))
+            case Phase.RETURNING:
+                return self._homecoming.intent(position)
             case Phase.SEARCHING | Phase.TRACKING:
                 if self._formed_s is None:
                     self._formed_s = now_s
