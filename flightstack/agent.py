@@ -44,8 +44,15 @@ from mission.observation import (
     TreePlace,
 )
 from mission.search import make
+from mission.search.arrival import Arrival
 from sensors.samples import InstrumentState, Sample
 from sensors.wind_filter import VehicleMotion
+
+AT_SLOT_M = 1.2
+
+FORMING_BLOCKED_S = 20.0
+"""A drone that has stood still for so long on its way to its slot forms up no further: a vehicle whose agent died
+may hover in the slot, and the swarm would wait until its battery is empty."""
 
 TRANSFER_LIMIT_S = 60.0
 """How long the swarm waits for an heir on its way to the empty slot."""
@@ -109,6 +116,9 @@ class Agent:
         self._decision: Decision | None = None
         self._strategy_failure = ""
         self._formed_s: float | None = None
+        self._forming = Arrival(
+            arrival_m=AT_SLOT_M, settle_mps=math.inf, settle_s=0.0, blocked_s=FORMING_BLOCKED_S
+        )
         self._transfer_since_s: float | None = None
         self._best_ppm: float | None = None
         self._ticks = 0
@@ -245,7 +255,15 @@ class Agent:
 
     def _at_slot(self, vehicle: VehicleReport) -> bool:
         target, position = self._slot_target(), vehicle.position_ned_m
-        return target is not None and position is not None and math.dist(target, position) < 1.2
+        return target is not None and position is not None and math.dist(target, position) < AT_SLOT_M
+
+    def _formed_up(self, now_s: float, vehicle: VehicleReport) -> bool:
+        """Whether this drone is in its slot, or as near to it as it gets."""
+        target, position, velocity = self._slot_target(), vehicle.position_ned_m, vehicle.velocity_ned_mps
+        if self.phase.phase is not Phase.FORMING or target is None or position is None or velocity is None:
+            self._forming.interrupt()
+            return False
+        return self._forming.step(now_s, position, velocity, target)
 
     # -- phase -------------------------------------------------------------------------------------------------
 
@@ -268,7 +286,7 @@ class Agent:
         return SwarmFacts(
             order=self._tree.order,
             member=place.slot >= 0,
-            at_slot=self._at_slot(vehicle),
+            formed_up=self._formed_up(now_s, vehicle),
             over_home=self._homecoming.over_home,
             stuck=self._homecoming.stuck,
             shut_out=self._tree.shut_out,

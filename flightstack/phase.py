@@ -87,7 +87,8 @@ class SwarmFacts(msgspec.Struct, frozen=True):
     order: Order | None
     member: bool
     """The tree still counts this drone in."""
-    at_slot: bool
+    formed_up: bool
+    """In its slot, or as near to it as it gets."""
     over_home: bool
     """Above its own home and low enough for the autopilot's landing."""
     stuck: bool
@@ -281,7 +282,7 @@ class FlightPhase:
             self._change(now_s, Phase.RETURNING, "the source is found")
         elif stage is Stage.GIVE_UP:
             self._change(now_s, Phase.RETURNING, "the search area is exhausted")
-        elif self.phase is Phase.FORMING and swarm.at_slot:
+        elif self.phase is Phase.FORMING and swarm.formed_up:
             self._change(now_s, Phase.TRACKING if stage is Stage.TRACK else Phase.SEARCHING, "in formation")
         elif self.phase is Phase.SEARCHING and stage is Stage.TRACK:
             self._change(now_s, Phase.TRACKING, "following the plume")

@@ -141,6 +141,23 @@ def test_two_members_lost_at_once_and_a_third_later(tmp_path: pathlib.Path) -> N
     assert_found(flight, 1200.0)
 
 
+def test_a_vehicle_that_hovers_in_the_roots_slot_does_not_stop_the_swarm(tmp_path: pathlib.Path) -> None:
+    """The root's agent dies when it has just formed up, and nobody takes its vehicle away."""
+    flight = scenario(tmp_path)
+    assert flight.run_until(lambda: flight.members[1].agent.phase.phase is Phase.SEARCHING, 60.0)
+    flight.kill(1)
+    assert flight.run_until(lambda: flight.phases() <= {Phase.SEARCHING, Phase.TRACKING}, 90.0), (
+        flight.phases()
+    )
+
+    def ordered() -> bool:
+        order = flight.trees[4].order
+        return order is not None and order.stage is not Stage.FORM
+
+    assert flight.run_until(ordered, 60.0)
+    assert flight.min_separation_m > 4.0
+
+
 def test_a_radio_that_loses_a_third_of_everything(tmp_path: pathlib.Path) -> None:
     radio = MemoryRadio(
         seed=3, conditions=Conditions(loss=0.33, delay_s=0.05, jitter_s=0.05, duplication=0.1)

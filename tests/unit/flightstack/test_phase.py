@@ -29,7 +29,7 @@ UP = msgspec.structs.replace(ARMED, airborne=True, at_takeoff_altitude=True)
 ALONE = SwarmFacts(
     order=None,
     member=True,
-    at_slot=False,
+    formed_up=False,
     over_home=False,
     stuck=False,
     shut_out=False,
@@ -67,7 +67,7 @@ class Flight:
         self.step(UP)
         if phase is Phase.FORMING:
             return self
-        self.step(UP, msgspec.structs.replace(ALONE, at_slot=True, order=order(Stage.FORM)))
+        self.step(UP, msgspec.structs.replace(ALONE, formed_up=True, order=order(Stage.FORM)))
         if phase is Phase.TRACKING:
             self.step(UP, msgspec.structs.replace(ALONE, order=order(Stage.TRACK)))
         if phase is Phase.HOLDING:
@@ -88,7 +88,7 @@ def test_a_whole_flight() -> None:
     assert (step.phase, step.asks) == (Phase.TAKEOFF, (Ask.TAKE_OFF,))
     step = flight.step(UP)
     assert (step.phase, step.steering) == (Phase.FORMING, True)
-    step = flight.step(UP, msgspec.structs.replace(ALONE, at_slot=True, order=order(Stage.FORM)))
+    step = flight.step(UP, msgspec.structs.replace(ALONE, formed_up=True, order=order(Stage.FORM)))
     assert step.phase is Phase.SEARCHING
     assert flight.step(UP, msgspec.structs.replace(ALONE, order=order(Stage.TRACK))).phase is Phase.TRACKING
     step = flight.step(UP, msgspec.structs.replace(ALONE, order=order(Stage.FOUND)))
