@@ -225,10 +225,8 @@ class FlightPhase:
 
     def _advance(self, now_s: float, vehicle: VehicleFacts, swarm: SwarmFacts) -> None:
         if self._lost_control(now_s, vehicle):
-            self._change(now_s, Phase.PILOT, f"mode {vehicle.mode} was taken by the pilot or a failsafe")
-            self._notes[-1] = msgspec.structs.replace(
-                self._notes[-1], severity=Severity.WARNING, code="pilot"
-            )
+            why = f"mode {vehicle.mode} was taken by the pilot or a failsafe"
+            self._change(now_s, Phase.PILOT, why, Severity.WARNING, "pilot")
         match self.phase:
             case Phase.ARMING:
                 self._arming(now_s, vehicle)
@@ -272,12 +270,10 @@ class FlightPhase:
     def _follow_the_swarm(self, now_s: float, swarm: SwarmFacts) -> None:
         stage = swarm.order.stage if swarm.order else None
         if swarm.must_return:
-            self._change(now_s, Phase.RETURNING, swarm.must_return)
-            self._notes[-1] = msgspec.structs.replace(
-                self._notes[-1], severity=Severity.WARNING, code="leaving"
-            )
+            self._change(now_s, Phase.RETURNING, swarm.must_return, Severity.WARNING, "leaving")
         elif not swarm.member:
-            self._change(now_s, Phase.RETURNING, "the swarm has counted this drone out")
+            why = "the swarm has counted this drone out"
+            self._change(now_s, Phase.RETURNING, why, Severity.WARNING, "leaving")
         elif stage is Stage.FOUND:
             self._change(now_s, Phase.RETURNING, "the source is found")
         elif stage is Stage.GIVE_UP:

@@ -88,8 +88,12 @@ def _tree(state: TreeState, members: Collection[int]) -> str:
     drones, slots = {drone for drone, _ in state.slots}, {slot for _, slot in state.slots}
     if not all(0 <= count < LARGEST_COUNT for count in (state.epoch, state.heals)):
         return "its epoch is no count"
-    if state.author != 0 and state.author not in members:
-        return f"its author {state.author} is no member"
+    if not all(author in members and 1 <= heard <= len(members) for heard, author in state.lineage):
+        return "an author in its lineage is no member, or heard more drones than there are"
+    if not state.epoch == len(state.lineage) < len(members):
+        return f"its epoch {state.epoch} is not that of its lineage"
+    if state.author != (state.lineage[-1][1] if state.lineage else 0):
+        return f"its author {state.author} is not that of its lineage"
     if not state.slots or not len(drones) == len(slots) == len(state.slots):
         return "its slots are no assignment"
     if not drones.issubset(members) or not all(0 <= slot < len(members) for slot in slots):

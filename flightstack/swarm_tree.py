@@ -4,8 +4,11 @@ The protocol is state, not conversation. Every drone tells its whole knowledge (
 second; merging is idempotent, so lost, repeated and reordered messages do no harm, and knowledge travels as many
 hops as it must.
 
-* An *epoch* is one assignment of slots. Its number grows with every heal; of two assignments with one number,
-  the one whose author has the lower id stands. Knowledge of an older epoch never changes a newer one.
+* An *epoch* is one assignment of slots. Each heal makes one from the one before, and so has a *lineage*: for every
+  epoch since the start, how many survivors its author heard, and who that was. A descendant stands against its
+  ancestors. Where two halves of a swarm that could not hear each other have healed apart, the one stands whose
+  author heard more survivors when they parted (then the lower id): a drone whose own radio failed for a while, and
+  that therefore counted everybody else out, must not send the others home when it is heard again.
 * Parent and children watch each other. Who falls silent, or says by its phase that it left, is *lost*, and that
   spreads. While somebody is lost the swarm stops.
 * Whoever will be root after healing makes the next epoch: the root itself, or its heir when it is the root that
@@ -35,6 +38,9 @@ from mission.tree import Place, heal, place, problems
 
 SETTLE_S = 0.5
 """How long the next root waits for news of further losses before it makes the new epoch."""
+
+HEARD_S = 2.0
+"""A survivor heard within this time is known to live when an epoch is made."""
 
 JOIN_S = 30.0
 """How long after the start a member may be unheard or not yet arming before it counts as lost."""
@@ -94,11 +100,10 @@ class SwarmTree:
         self._reset()
 
     def _reset(self) -> None:
-        self.epoch = 0
+        self.lineage: tuple[tuple[int, int], ...] = ()
         self.slots: dict[int, int] = {drone: slot for slot, drone in enumerate(self._members)}
         self.order: Order | None = None
         self.heals = 0
-        self._author = 0
         self._lost: set[int] = set()
         self._awaited: int | None = None
         """Who has to make the next epoch, while somebody is lost."""
@@ -119,6 +124,10 @@ class SwarmTree:
             self.order = Order(1, Stage.FORM, anchor_ned_m, 0.0)
 
     @property
+    def epoch(self) -> int:
+        return len(self.lineage)
+
+    @property
     def member(self) -> bool:
         return self._drone in self.slots
 
@@ -136,7 +145,7 @@ class SwarmTree:
         if self.survey is None:
             return TreeNews()
         joined = self._join_the_foremost(now_s)
-        slot, order, lost, epoch = self.slots.get(self._drone), self.order, set(self._lost), self.epoch
+        slot, order, lost, lineage = self.slots.get(self._drone), self.order, set(self._lost), self.lineage
         for state in heard:
             self._merge(state)
         if decision is not None and self.member:
@@ -146,7 +155,7 @@ class SwarmTree:
             self._heal_if_mine(now_s, belief, own_position_ned_m)
         return TreeNews(
             lost=tuple(sorted(self._lost - lost)),
-            healed=self.epoch != epoch,
+            healed=self.lineage != lineage,
             moved=self.slots.get(self._drone) != slot,
             order=self.order if self.order != order else None,
             joined=joined,
@@ -184,13 +193,14 @@ class SwarmTree:
             self._incarnation,
             self._frame_identity,
             self.epoch,
-            self._author,
+            self.lineage[-1][1] if self.lineage else 0,
             tuple(sorted(self.slots.items())),
             tuple(sorted(self._lost)),
             self.order,
             self.readings,
             self.heals,
             self.survey or "",
+            self.lineage,
         )
 
     def _family(self) -> Place:
@@ -240,17 +250,16 @@ class SwarmTree:
     def _merge(self, state: TreeState) -> None:
         if state.survey != self.survey:
             return
-        newer = (state.epoch, -state.author) > (self.epoch, -self._author)
-        if newer:
+        if _rank(state.lineage) > _rank(self.lineage):
             if problems(dict(state.slots), self._layout):
                 return  # not a tree: never to be flown
-            self.epoch, self._author = state.epoch, state.author
+            self.lineage = state.lineage
             self.slots = dict(state.slots)
             self.heals = state.heals
             self._lost = set()
             self._awaited = None
             self._set_order(state.order)
-        elif (state.epoch, state.author) != (self.epoch, self._author):
+        elif state.lineage != self.lineage:
             return
         self._lost |= set(state.lost) & self.slots.keys() - {self._drone}
         if state.order is not None and (self.order is None or state.order.sequence > self.order.sequence):
@@ -321,13 +330,15 @@ class SwarmTree:
         order = self.order or Order(0, Stage.FORM, self._start_ned_m, 0.0)
         anchor_ned_m = order.anchor_ned_m
         if order.stage is not Stage.FORM:
-            where = {d: p.state.position_ned_m for d, p in belief.peers.items() if now_s - p.heard_s < 2.0}
+            where = {
+                d: p.state.position_ned_m for d, p in belief.peers.items() if now_s - p.heard_s < HEARD_S
+            }
             where[self._drone] = own_position_ned_m
             stay = {d: s for d, s in healed.slots.items() if self.slots[d] == s}
             anchor_ned_m = self._stopped_anchor(stay, order, where)
         order = msgspec.structs.replace(order, sequence=order.sequence + 1, anchor_ned_m=anchor_ned_m)
-        self.epoch += 1
-        self._author = self._drone
+        heard = sum(belief.silence_s(now_s, drone) < HEARD_S for drone in healed.slots)
+        self.lineage += ((1 + heard, self._drone),)
         self.slots = dict(healed.slots)
         self.heals += 1
         self._lost = set()
@@ -357,3 +368,8 @@ def _counts_in(tree: TreeState, drone: int) -> bool:
 def _foremost_first(tree: TreeState) -> tuple[int, int, str]:
     """By how far a survey has come; between two that have only begun, everybody must choose the same."""
     return -tree.epoch, -tree.order.sequence if tree.order is not None else 0, tree.survey
+
+
+def _rank(lineage: tuple[tuple[int, int], ...]) -> tuple[tuple[int, int], ...]:
+    """Which of two assignments stands: the greater one. A total order, in which descendants follow ancestors."""
+    return tuple((heard, -author) for heard, author in lineage)

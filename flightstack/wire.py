@@ -15,7 +15,7 @@ import msgspec
 from mission.frames import Vector3
 from mission.observation import Order, Reading, Scalar, Wind
 
-VERSION = 1
+VERSION = 2
 
 
 class WireError(ValueError):
@@ -82,7 +82,7 @@ class TreeState(msgspec.Struct, frozen=True, array_like=True):
     frame: int
     epoch: int
     author: int
-    """The drone that made this epoch's assignment; between two of one epoch the lower author wins."""
+    """The drone that made this epoch's assignment."""
     slots: tuple[tuple[int, int], ...]
     """(drone, slot) of every live member."""
     lost: tuple[int, ...]
@@ -93,6 +93,9 @@ class TreeState(msgspec.Struct, frozen=True, array_like=True):
     """Heals since the survey began: assignments after the first that moved somebody or dropped somebody."""
     survey: str = ""
     """Identity of the command that started the survey; knowledge of another survey is not merged."""
+    lineage: tuple[tuple[int, int], ...] = ()
+    """(survivors that its author heard, itself counted; author) of every epoch since the first: which of two
+    assignments stands is told by it alone (`flightstack.swarm_tree`)."""
 
 
 class CommandName(enum.StrEnum):

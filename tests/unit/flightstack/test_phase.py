@@ -249,8 +249,9 @@ def test_a_drone_whose_way_home_is_blocked_lands_where_it_is() -> None:
 
 def test_a_drone_that_the_swarm_has_counted_out_goes_home() -> None:
     flight = Flight().to(Phase.SEARCHING)
-    out = msgspec.structs.replace(ALONE, member=False)
-    assert flight.step(UP, out).phase is Phase.RETURNING
+    step = flight.step(UP, msgspec.structs.replace(ALONE, member=False))
+    assert step.phase is Phase.RETURNING
+    assert [(note.severity, note.code) for note in step.notes] == [(Severity.WARNING, "leaving")]
 
 
 @pytest.mark.parametrize("phase", [Phase.FORMING, Phase.SEARCHING, Phase.TRACKING, Phase.HOLDING])

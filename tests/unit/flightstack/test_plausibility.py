@@ -46,7 +46,7 @@ NAN, INF = math.nan, math.inf
 READING = Reading(2, 7, (1.0, 2.0, -10.0), 40.0, 4.0)
 ORDER = Order(7, Stage.TRACK, (1.0, 2.0, -10.0), 0.5, None, 3.0, (0.0, 0.0, -10.0), READING, 2)
 SLOTS = tuple((drone, slot) for slot, drone in enumerate(MEMBERS))
-TREE = TreeState(2, 1, 0, 3, 2, SLOTS, (), ORDER, (READING,), 1, "survey")
+TREE = TreeState(2, 1, 0, 2, 2, SLOTS, (), ORDER, (READING,), 2, "survey", ((4, 1), (3, 2)))
 STATE = DroneState(
     2, 1, 1, 0, Phase.SEARCHING, (1.0, 2.0, -10.0), (0.5, 0.0, 0.0), 0.0, None, True, True, "GUIDED", 0.9,
     450.0, None, None, 0, 1, 1, False, None,
@@ -84,6 +84,12 @@ def test_a_drone_without_a_sensor_reports_a_reading_of_infinite_variance() -> No
         replace(TREE, epoch=-1),
         replace(TREE, heals=2**63),
         replace(TREE, author=9),
+        replace(TREE, author=1),
+        replace(TREE, epoch=3),
+        replace(TREE, lineage=()),
+        replace(TREE, lineage=((4, 9), (3, 2))),
+        replace(TREE, lineage=((2**62, 1), (3, 2))),
+        replace(TREE, epoch=1000, lineage=((4, 2),) * 1000),
         replace(TREE, slots=()),
         replace(TREE, slots=((1, 0), (2, 10**9))),
         replace(TREE, slots=((1, 0), (2, -1))),
@@ -171,6 +177,12 @@ assignments = st.one_of(
 @given(
     epoch=counts,
     author=counts,
+    lineage=st.one_of(
+        st.just(()),
+        st.lists(st.tuples(st.integers(0, 6), st.sampled_from(MEMBERS)), max_size=4).map(tuple),
+        st.lists(st.tuples(counts, counts), max_size=6).map(tuple),
+    ),
+    fitting=st.booleans(),
     slots=assignments,
     lost=st.lists(counts, max_size=6).map(tuple),
     order=st.none() | orders,
@@ -182,6 +194,8 @@ assignments = st.one_of(
 def test_no_well_formed_message_ends_an_agent(
     epoch: int,
     author: int,
+    lineage: tuple[tuple[int, int], ...],
+    fitting: bool,
     slots: tuple[tuple[int, int], ...],
     lost: tuple[int, ...],
     order: Order | None,
@@ -194,7 +208,9 @@ def test_no_well_formed_message_ends_an_agent(
     frame = flyer.frame.identity
     flyer.step(1.0, Inputs(peers=(message(topics.COMMAND, "ground", COMMAND),)))
     flyer._tree.begin(1.0, "c1", (0.0, 0.0, -10.0))  # as if its autopilot had been there to accept the start
-    tree = TreeState(2, 1, frame, epoch, author, slots, lost, order, read, 0, "c1")
+    if fitting:
+        epoch, author = len(lineage), lineage[-1][1] if lineage else 0
+    tree = TreeState(2, 1, frame, epoch, author, slots, lost, order, read, 0, "c1", lineage)
     state = replace(
         STATE,
         frame=frame,

@@ -67,8 +67,10 @@ class Node:
 class Network:
     """Steps all live nodes together; delivers what they tell unless the link is cut or the dice say no."""
 
-    def __init__(self, count: int, *, loss: float = 0.0, seed: int = 0) -> None:
-        members = tuple(range(1, count + 1))
+    def __init__(
+        self, count: int, *, loss: float = 0.0, seed: int = 0, members: tuple[int, ...] | None = None
+    ) -> None:
+        members = members or tuple(range(1, count + 1))
         self.nodes = {drone: Node(drone, members) for drone in members}
         self.now_s = 0.0
         self.loss = loss
@@ -202,7 +204,7 @@ def test_the_formation_stays_where_it_stopped() -> None:
 def test_knowledge_of_another_survey_changes_nothing() -> None:
     network = Network(3)
     node = network.nodes[2]
-    foreign = TreeState(1, 1, FRAME.identity, 9, 1, ((2, 0),), (), None, (), 0, "survey-0")
+    foreign = TreeState(1, 1, FRAME.identity, 1, 1, ((2, 0),), (), None, (), 0, "survey-0", ((2, 1),))
     node.tree.step(0.1, [foreign], node.belief, None, START)
     assert node.tree.epoch == 0
 
@@ -210,7 +212,7 @@ def test_knowledge_of_another_survey_changes_nothing() -> None:
 def test_an_assignment_that_is_no_tree_is_not_adopted() -> None:
     network = Network(3)
     node = network.nodes[2]
-    broken = TreeState(1, 1, FRAME.identity, 9, 1, ((2, 0), (3, 0)), (), None, (), 0, "survey-1")
+    broken = TreeState(1, 1, FRAME.identity, 1, 1, ((2, 0), (3, 0)), (), None, (), 0, "survey-1", ((2, 1),))
     node.tree.step(0.1, [broken], node.belief, None, START)
     assert node.tree.epoch == 0
 
@@ -240,6 +242,60 @@ def test_a_tree_whose_radios_reach_only_relatives_still_heals() -> None:
     network.run(8.0)
     assert 3 not in network.nodes[1].tree.slots
     assert network.nodes[1].tree.heals >= 1
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    count=st.integers(3, 10),
+    alone=st.integers(1, 10),
+    members=st.randoms(use_true_random=False),
+    away_s=st.floats(0.5, 25.0),
+    seed=st.integers(0, 1000),
+)
+def test_a_drone_whose_radio_failed_for_a_while_never_sends_the_others_home(
+    count: int, alone: int, members: random.Random, away_s: float, seed: int
+) -> None:
+    """Whoever it is, whatever its id, and however long it was alone: the others go on, with it or without it."""
+    order = members.sample(range(1, count + 1), count)
+    network = Network(count, loss=0.2, seed=seed, members=tuple(order))
+    network.run(1.0)
+    alone = min(alone, count)
+    others = set(network.nodes) - {alone}
+    network.hears = {drone: others - {drone} if drone != alone else set() for drone in network.nodes}
+    network.run(away_s)
+    network.hears = None
+    network.run(12.0)
+    trees = [node.tree for node in network.live]
+    assert all(tree.slots == trees[0].slots and tree.order == trees[0].order for tree in trees)
+    assert others <= trees[0].slots.keys()
+    assert problems(trees[0].slots, network.nodes[1].layout) == []
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    count=st.integers(2, 9),
+    group=st.sets(st.integers(1, 9), min_size=1),
+    away_s=st.floats(4.0, 30.0),
+    seed=st.integers(0, 1000),
+)
+def test_halves_that_meet_again_become_one_swarm(
+    count: int, group: set[int], away_s: float, seed: int
+) -> None:
+    """One half's assignment stands, the larger one's where they differ; the others hear that they are out."""
+    network = Network(count, loss=0.2, seed=seed)
+    network.run(1.0)
+    one = group & network.nodes.keys()
+    two = network.nodes.keys() - one
+    network.hears = {drone: (one if drone in one else two) - {drone} for drone in network.nodes}
+    network.run(away_s)
+    network.hears = None
+    network.run(12.0)
+    trees = [node.tree for node in network.live]
+    assert all(tree.slots == trees[0].slots and tree.order == trees[0].order for tree in trees)
+    assert problems(trees[0].slots, network.nodes[1].layout) == []
+    if away_s > 5.0 * count + 5.0:  # long enough for both to have found out about everybody
+        larger = max(one, two, key=len)
+        assert len(one) == len(two) or trees[0].slots.keys() == larger
 
 
 @settings(max_examples=15, deadline=None)
