@@ -295,7 +295,8 @@ class Agent:
 
     def _must_return(self, now_s: float, vehicle: VehicleReport) -> str:
         limits = self.config.limits
-        if not vehicle.armed and vehicle.position_ned_m is not None:
+        on_the_ground = self.phase.phase in (Phase.DISARMED, Phase.LANDED) and not vehicle.armed
+        if on_the_ground and vehicle.position_ned_m is not None:
             amsl_m = self.config.origin.amsl_m
             reason = unfit(vehicle.position_ned_m, self._fence, limits.fence_margin_m, amsl_m)
             if reason:

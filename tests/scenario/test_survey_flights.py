@@ -126,7 +126,7 @@ def test_an_agent_killed_in_flight_is_healed_around(tmp_path: pathlib.Path, vict
     flight.run(10.0)
     assert math.hypot(*orphan.velocity_ned_mps) < 0.5  # without its agent the vehicle stops and hovers
     assert orphan.airborne
-    assert victim not in flight.trees[2 if victim == 1 else 1].slots
+    assert victim not in dict(flight.trees[2 if victim == 1 else 1].slots)
     assert_found(flight)
     assert max(tree.heals for tree in flight.trees.values()) == 1
 
@@ -184,7 +184,7 @@ def test_a_pilots_mode_switch_ends_our_authority_and_the_swarm_goes_on(tmp_path:
     flight.tap = lambda drone, _now, _inputs, outputs: sent.append(outputs.autopilot) if drone == 4 else None
     flight.run(5.0)
     assert pilot.agent.phase.phase is Phase.PILOT
-    assert 4 not in flight.trees[1].slots
+    assert 4 not in dict(flight.trees[1].slots)
     assert pilot.vehicle.mode == "LOITER"
     assert b"\x54\x00\x00" not in b"".join(sent[10:])  # SET_POSITION_TARGET_LOCAL_NED is message 84
     flight.command(CommandName.RTL, 4)
@@ -220,11 +220,35 @@ def test_commands_that_end_a_survey_bring_everybody_down(tmp_path: pathlib.Path,
             assert math.dist(state.position_ned_m[:2], state.home_ned_m[:2]) < 2.0
 
 
+def test_a_drone_whose_motors_stop_in_the_air_is_told_to_be_down(tmp_path: pathlib.Path) -> None:
+    flight = scenario(tmp_path, seed=8)
+    flight.run(40.0)
+    flight.members[2].vehicle.autopilot.disarm("Crash: Disarming")
+    assert flight.run_until(lambda: 2 not in dict(flight.trees[1].slots), 15.0)
+    told = {e.code: e.text for at_s, e in flight.events if e.sender == 2 and at_s > flight.now_s - 15.0}
+    assert told["down"] == "landed: disarmed during the survey"
+    assert "leaving" not in told
+
+
+def test_a_drone_on_the_ground_does_not_start_a_survey_of_its_own(tmp_path: pathlib.Path) -> None:
+    """Landed by command, then the operator starts again while the others still fly."""
+    flight = scenario(tmp_path, seed=8)
+    flight.run(30.0)
+    flight.command(CommandName.LAND, 4)
+    assert flight.run_until(lambda: flight.members[4].agent.phase.phase is Phase.LANDED, 60.0)
+    again = flight.command(CommandName.START)
+    flight.run(2.0)
+    answers = {o.sender: o for o in flight.outcomes if o.command == again}
+    assert [drone for drone, o in answers.items() if o.result is Result.REFUSED] == [4]
+    assert "has counted this drone out" in answers[4].reason
+    assert flight.members[4].agent.phase.phase is Phase.LANDED
+
+
 def test_a_weak_battery_announces_its_own_loss(tmp_path: pathlib.Path) -> None:
     flight = scenario(tmp_path, seed=9)
     flight.run(45.0)
     flight.members[5].vehicle.autopilot.battery.drop_to(0.2)
-    assert flight.run_until(lambda: 5 not in flight.trees[1].slots, 15.0)
+    assert flight.run_until(lambda: 5 not in dict(flight.trees[1].slots), 15.0)
     assert_found(flight)
 
 
