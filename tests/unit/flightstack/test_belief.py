@@ -8,7 +8,7 @@ import pytest
 from flightstack import topics
 from flightstack.belief import OBSTACLE_MEMORY_S, Belief
 from flightstack.transport import Received
-from flightstack.wire import DroneState, GroundBeat, Phase, Traffic, TrafficVehicle
+from flightstack.wire import VERSION, DroneState, GroundBeat, Phase, Traffic, TrafficVehicle
 from mission.frames import Geodetic, LocalFrame
 
 FRAME = LocalFrame(Geodetic(-5.06, 151.3, 500.0))
@@ -74,7 +74,7 @@ def test_a_restarted_agent_counts_from_one_again(belief: Belief) -> None:
         (said(msgspec.structs.replace(STATE, sender=9)), "not in swarm.members"),
         (said(msgspec.structs.replace(STATE, sender=1)), "another node also says that it is drone 1"),
         (said(STATE, sender="3"), "came under the name 3"),
-        (Received(topics.STATE, "2", b"\x01garbage"), "not a DroneState"),
+        (Received(topics.STATE, "2", bytes([VERSION]) + b"garbage"), "not a DroneState"),
         (Received(topics.STATE, "2", b"\x09" + said(STATE).payload[1:]), "message version 9"),
         (Received(topics.STATE, "2", b""), "empty message"),
     ],
