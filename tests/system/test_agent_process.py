@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import os
 import pathlib
+import pty
 import re
 import signal
 import socket
 import subprocess
 import sys
+import termios
+import threading
 import time
+import tty
 from collections.abc import Iterator
 
 import pytest
 
+from flightstack.link import open_link
 from flightstack.recording import read_recording
 from simvehicle.launch import free_ports
 
@@ -36,7 +42,7 @@ DRONE = """
 drone: 1
 swarm: {{name: alone, members: [1], listen: ["tcp/127.0.0.1:{tcp}"]}}
 origin: {{latitude_deg: -5.06, longitude_deg: 151.3, amsl_m: 500.0}}
-autopilot: {{link: "udpin:127.0.0.1:{udp}", flavour: {flavour}}}
+autopilot: {{link: "{link}", flavour: {flavour}}}
 instruments: [{{name: co2, type: sba5, port: "socket://127.0.0.1:{instrument}"}}]
 geofence: {{inclusion_circles: [{{latitude_deg: -5.06, longitude_deg: 151.3, radius_m: 300.0}}]}}
 speedup: {speedup}
@@ -44,11 +50,61 @@ record_to: {recordings}
 """
 
 
+class Cable:
+    """Between the vehicle and a serial port at which the agent sits: it can be pulled out."""
+
+    def __init__(self, port: pathlib.Path, udp: int) -> None:
+        self._port = port
+        self._vehicle = open_link(f"udpin:127.0.0.1:{udp}")
+        self._master: int | None = None
+        self._lock = threading.Lock()
+        self._over = threading.Event()
+        self.plug()
+        self._thread = threading.Thread(target=self._carry)
+        self._thread.start()
+
+    def plug(self) -> None:
+        master, slave = pty.openpty()
+        tty.setraw(slave, termios.TCSANOW)
+        os.set_blocking(master, False)
+        self._port.symlink_to(os.ttyname(slave))
+        os.close(slave)
+        with self._lock:
+            self._master = master
+
+    def unplug(self) -> None:
+        with self._lock:
+            if self._master is not None:
+                self._port.unlink()
+                os.close(self._master)
+                self._master = None
+
+    def _carry(self) -> None:
+        while not self._over.wait(0.005):
+            with self._lock:
+                down = self._vehicle.read()
+                if self._master is None:
+                    continue
+                with contextlib.suppress(OSError):  # nothing there, no room, or nobody has opened the port
+                    os.write(self._master, down)
+                with contextlib.suppress(OSError):
+                    self._vehicle.write(os.read(self._master, 65536))
+
+    def close(self) -> None:
+        self._over.set()
+        self._thread.join()
+        self.unplug()
+        self._vehicle.close()
+
+
 class Rig:
     """One simulated vehicle, its agent and the operator, each a process."""
 
-    def __init__(self, directory: pathlib.Path, flavour: str) -> None:
+    def __init__(
+        self, directory: pathlib.Path, flavour: str, serial_port: pathlib.Path | None = None
+    ) -> None:
         udp = free_ports(socket.SOCK_DGRAM, 1)[0]
+        self.cable = None if serial_port is None else Cable(serial_port, udp)
         self.tcp, instrument = free_ports(socket.SOCK_STREAM, 2)
         self.recordings = directory / "flights"
         self.truth = directory / "truth.csv"
@@ -56,6 +112,7 @@ class Rig:
         known = {
             "udp": udp, "tcp": self.tcp, "instrument": instrument, "flavour": flavour, "speedup": SPEEDUP,
             "recordings": self.recordings, "truth": self.truth,
+            "link": f"udpin:127.0.0.1:{udp}" if serial_port is None else f"{serial_port},115200",
         }  # fmt: skip
         self._fleet, self._drone = directory / "fleet.yaml", directory / "drone.yaml"
         self._fleet.write_text(FLEET.format(**known))
@@ -108,8 +165,17 @@ class Rig:
         return self.agent.wait(120.0)
 
     def vehicle_flies(self) -> bool:
-        with self.truth.open() as file:
-            return list(csv.DictReader(file))[-1]["airborne"] == "1"
+        return self._newest_truth()["airborne"] == "1"
+
+    def let_pass(self, seconds: float) -> None:
+        """Simulated seconds."""
+        begin_s = float(self._newest_truth()["time_s"])
+        while float(self._newest_truth()["time_s"]) < begin_s + seconds:
+            time.sleep(0.1)
+
+    def _newest_truth(self) -> dict[str, str]:
+        with self.truth.open() as file:  # the last row may still be half written
+            return [row for row in csv.DictReader(file) if row["battery_fraction"]][-1]
 
     def replay(self, recordings: int = 1) -> None:
         files = sorted(self.recordings.glob("drone-1-*.mcap"))
@@ -127,6 +193,8 @@ class Rig:
             if process.poll() is None:
                 process.kill()
                 process.wait()
+        if self.cable is not None:
+            self.cable.close()
 
 
 @pytest.fixture
@@ -181,3 +249,22 @@ def test_an_agent_killed_in_flight_leaves_its_recording_and_its_successor_obeys(
     rig.said("landed: ")
     assert rig.end(signal.SIGINT) == 0
     rig.replay(recordings=2)
+
+
+def test_a_cable_that_is_pulled_out_in_flight_and_put_back(tmp_path: pathlib.Path) -> None:
+    """Serial: the vehicle hovers meanwhile, nobody takes it for a pilot's, and it obeys afterwards."""
+    with contextlib.closing(Rig(tmp_path, "ardupilot", tmp_path / "ttypixhawk")) as rig:
+        assert rig.cable is not None
+        rig.fly()
+        rig.cable.unplug()
+        rig.said("ttypixhawk,115200 is lost")
+        rig.let_pass(10.0)
+        rig.cable.plug()
+        rig.said("ttypixhawk,115200 is back")
+        rig.let_pass(3.0)
+        assert rig.vehicle_flies()
+        rig.command("abort")
+        rig.said("landed: ")
+        assert rig.end(signal.SIGINT) == 0
+        assert "pilot: " not in rig.log.read_text()
+        rig.replay()
