@@ -113,7 +113,7 @@ class LimitsConfig(Section, frozen=True, kw_only=True):
 class StrategyConfig(Section, frozen=True, kw_only=True):
     name: str = "locus"
     parameters: dict[str, Any] = {}
-    """Keyword arguments of the strategy, checked by it; `docs/` lists them."""
+    """Keyword arguments of the strategy, checked by it; `docs/simulate.md` lists them."""
 
 
 class SharedClockConfig(Section, frozen=True, kw_only=True):

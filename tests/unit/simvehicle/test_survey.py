@@ -5,10 +5,23 @@ from __future__ import annotations
 import json
 import pathlib
 
+import msgspec
 import pytest
 
+from flightstack.config import FormationConfig, LimitsConfig, StrategyConfig
 from mission.documents import DocumentError
-from simvehicle.survey import load, parse_fault, parse_kill
+from mission.search.locus import LocusParameters
+from mission.search.mobs import MobsParameters
+from simvehicle.config import FaultSpec, GaussianPlume, LocusGridPlume, WindConfig
+from simvehicle.survey import (
+    LaunchLine,
+    SurveyConfig,
+    SurveyDrone,
+    SurveyFence,
+    load,
+    parse_fault,
+    parse_kill,
+)
 
 EXAMPLES = pathlib.Path(__file__).parents[3] / "examples"
 GOOD = (EXAMPLES / "survey.yaml").read_text(encoding="utf-8")
@@ -181,3 +194,15 @@ def test_kills_from_the_command_line() -> None:
     assert (kill.drone, kill.at_s) == (3, 60.0)
     with pytest.raises(DocumentError, match="DRONE@SECONDS"):
         parse_kill("3")
+
+
+@pytest.mark.parametrize(
+    "section",
+    [
+        SurveyConfig, SurveyDrone, LaunchLine, SurveyFence, WindConfig, GaussianPlume, LocusGridPlume, FaultSpec,
+        FormationConfig, LimitsConfig, StrategyConfig, LocusParameters, MobsParameters,
+    ],
+)  # fmt: skip
+def test_every_key_is_explained(section: type[msgspec.Struct]) -> None:
+    page = (EXAMPLES.parent / "docs" / "simulate.md").read_text(encoding="utf-8")
+    assert [name for name in section.__struct_fields__ if f"`{name}`" not in page] == []
