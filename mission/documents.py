@@ -13,8 +13,11 @@ from typing import Any, TypeVar
 
 import msgspec
 import yaml
+from msgspec import inspect
 
 T = TypeVar("T")
+_STEPS = re.compile(r"([^.\[\]]+)|\[(\d+)\]")
+"""The steps of a field's path ("drones[2].link"): names and places in lists."""
 
 
 class DocumentError(ValueError):
@@ -95,6 +98,8 @@ def parse(text: str, kind: type[T], file: str) -> T:
         return msgspec.convert(raw, kind)
     except msgspec.ValidationError as error:
         problem, path = _split(str(error))
+        if problem.startswith(("Invalid enum value", "Invalid value")) and (choices := _choices(kind, path)):
+            problem += f"; write {' or '.join(choices)}"
         raise DocumentError(file, problem, line=line_of(text, path), field=path or None) from error
 
 
@@ -119,11 +124,26 @@ def _split(message: str) -> tuple[str, str]:
     return problem, path
 
 
+def _choices(kind: type, path: str) -> list[str]:
+    """The words that may stand at `path` ("drones[2].flavour") of a `kind`, where only certain ones may."""
+    nodes: list[Any] = [inspect.type_info(kind)]
+    for name, _ in _STEPS.findall(path):
+        structs = [node for node in nodes if isinstance(node, inspect.StructType)]
+        if name:
+            tags = [inspect.LiteralType((node.tag,)) for node in structs if node.tag_field == name]
+            fields = [field.type for node in structs for field in node.fields if field.encode_name == name]
+            nodes = [*tags, *fields]
+        else:
+            nodes = [node.item_type for node in nodes if isinstance(node, inspect.VarTupleType)]
+        nodes = [one for node in nodes for one in (getattr(node, "types", None) or (node,))]
+    return [str(word) for node in nodes if isinstance(node, inspect.LiteralType) for word in node.values]
+
+
 def line_of(text: str, path: str) -> int | None:
     """The line (from 1) where the field `path` ("drones[2].link") stands in YAML `text`, or its nearest parent."""
     node = yaml.compose(text, Loader=yaml.SafeLoader)
     line: int | None = None
-    for name, index in re.findall(r"([^.\[\]]+)|\[(\d+)\]", path):
+    for name, index in _STEPS.findall(path):
         if isinstance(node, yaml.MappingNode) and name:
             match = next(((k, v) for k, v in node.value if k.value == name), None)
             if match is None:
