@@ -20,6 +20,7 @@ from flightstack.wire import Phase
 from mission.formation import Layout
 from mission.frames import Vector3
 from mission.observation import Stage
+from simvehicle.config import FaultSpec
 from simvehicle.plumes import AnyPlume
 from simvehicle.truth import Track
 from simvehicle.watch import Log, TreeMark
@@ -236,9 +237,13 @@ def _scale_and_arrows(axes: Axes, wind_ned_mps: Vector3) -> None:
 
 
 def over_time(
-    tracks: Mapping[int, Track], log: Log, background_ppm: float, kills: Mapping[int, float]
+    tracks: Mapping[int, Track],
+    log: Log,
+    background_ppm: float,
+    kills: Mapping[int, float],
+    faults: Sequence[FaultSpec],
 ) -> Figure:
-    """CO2 at each drone, its altitude, and its phases, on one time axis."""
+    """CO2 at each drone, its altitude, and its phases, on one time axis; `faults` are those that happened."""
     drones = len(tracks)
     figure = Figure(figsize=(WIDTH_IN, 4.4 + 0.24 * drones), layout="constrained")
     co2, altitude, phases = figure.subplots(3, 1, sharex=True, height_ratios=(2.0, 1.4, 0.35 + 0.24 * drones))
@@ -274,6 +279,7 @@ def over_time(
     marks = [(log.first(Stage.TRACK), "contact"), (log.first(Stage.FOUND), "found")]
     lines = [(mark.time_s, text) for mark, text in marks if mark is not None]
     lines += [(at_s, f"kill {drone}") for drone, at_s in kills.items()]
+    lines += [(fault.at_s, f"{fault.kind.replace('_', ' ')} {fault.drone}") for fault in faults]
     for at_s, text in lines:
         for axes in (co2, altitude, phases):
             axes.axvline(at_s / 60.0, color="black", linewidth=0.7, linestyle=":")

@@ -169,7 +169,13 @@ def _figures(survey: Survey, summary: Summary, tracks: Mapping[int, Track], log:
         yield _figure(drawn_map(whole_fence=True), "The survey in its geofence", "The same, further away.")
     if tracks:
         drawn = figures.drawing(
-            lambda: figures.over_time(tracks, log, config.background_co2_ppm, summary.kills)
+            lambda: figures.over_time(
+                tracks,
+                log,
+                config.background_co2_ppm,
+                summary.kills,
+                [fault for fault in config.faults if fault.at_s < summary.simulated_s],
+            )
         )
         yield _figure(
             drawn, "CO2, altitude and phases over time", "What each drone flew through, and when it did what."

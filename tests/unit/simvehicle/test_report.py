@@ -13,8 +13,8 @@ import pytest
 from flightstack.wire import Phase, Severity
 from mission.frames import Vector3
 from mission.observation import Order, Stage
-from simvehicle import report, summary
-from simvehicle.config import FleetConfig, VehicleSpec
+from simvehicle import figures, report, summary
+from simvehicle.config import FaultSpec, FleetConfig, VehicleSpec
 from simvehicle.plumes import make_plume
 from simvehicle.survey import Survey, load
 from simvehicle.truth import Track
@@ -192,3 +192,11 @@ def test_durations() -> None:
         "1 min 01 s",
         "10 min 00 s",
     ]
+
+
+def test_kills_and_faults_stand_in_the_figure_over_time(survey: Survey) -> None:
+    tracks, log = flight(survey)
+    fault = FaultSpec(drone=4, at_s=100.0, kind="gps_loss")
+    figure = figures.over_time(tracks, log, 420.0, {3: KILL_S}, [fault])
+    told = {text.get_text() for axes in figure.axes for text in axes.texts}
+    assert {"kill 3", "gps loss 4"} <= told
