@@ -53,7 +53,7 @@ class _View:
         parts = [str(self._conductor.stand) if self._conductor.stand is not Stand.FLYING else self._stage()]
         if elapsed_s is not None:
             parts.append(f"{elapsed_s:.0f} s simulated")
-        parts.append(f"{wall_s:.0f} s elapsed at {self._speedup:g}x")
+        parts.append(f"{wall_s:.0f} s elapsed, at most {self._speedup:g}x")
         parts.append(f"{len(self._conductor.alive)} of {len(watch.members)} agents run")
         if watch.best_co2_ppm is not None:
             away_m = watch.from_best_m()
@@ -98,7 +98,8 @@ class Lines(_View):
             return
         self._next_wall_s = wall_s + LINE_EVERY_WALL_S
         phases = " ".join(f"{d}:{self.phase(d, s, now_s)}" for d, s in sorted(self._watch.states.items()))
-        print(f"{self.headline(now_s, wall_s, note)} | {phases}", file=sys.stderr, flush=True)  # noqa: T201
+        line = f"{self.headline(now_s, wall_s, note)} | {phases or 'nobody heard yet'}"
+        print(line, file=sys.stderr, flush=True)  # noqa: T201
 
 
 class LiveTable(_View):
