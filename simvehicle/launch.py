@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import datetime
 import pathlib
+import random
 import socket
 import sys
 from collections.abc import Callable
@@ -205,14 +206,48 @@ def start(plan: Plan, processes: Processes, commands: Commands = installed) -> N
 
 
 def free_ports(kind: socket.SocketKind, count: int) -> list[int]:
-    """Ports that the operating system says are free on the loopback interface now, all different."""
-    with contextlib.ExitStack() as held:
-        ports = []
-        for _ in range(count):
-            one = held.enter_context(socket.socket(socket.AF_INET, kind))
-            one.bind((HOST, 0))
-            ports.append(int(one.getsockname()[1]))
-        return ports
+    """Ports that are free on the loopback interface now, all different, for programs that take seconds to open them.
+
+    They are not those that the operating system would choose: it gives those to whoever asks next. On Linux they are
+    reserved against every other caller of this function until this process ends.
+    """
+    ports: list[int] = []
+    for port in random.SystemRandom().sample(_PORTS, len(_PORTS)):
+        if len(ports) == count:
+            return ports
+        if _reserved(port) and _is_free(kind, port):
+            ports.append(port)
+    raise DocumentError(HOST, f"has no {count} free ports from {_PORTS.start}; end other surveys")
+
+
+_PORTS = range(20_000, 32_000)
+"""Below the ports that Linux hands out by itself (net.ipv4.ip_local_port_range: from 32768)."""
+_reservations: dict[int, socket.socket] = {}
+
+
+def _reserved(port: int) -> bool:
+    """Reserve a port, of any kind; False if it is reserved already. A name without a file goes with its process."""
+    if sys.platform != "linux":
+        return True
+    if port in _reservations:
+        return False
+    name = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        name.bind(f"\0flightstack-port-{port}")
+    except OSError:
+        name.close()
+        return False
+    _reservations[port] = name
+    return True
+
+
+def _is_free(kind: socket.SocketKind, port: int) -> bool:
+    with socket.socket(socket.AF_INET, kind) as one:
+        try:
+            one.bind((HOST, port))
+        except OSError:
+            return False
+    return True
 
 
 def _write(path: pathlib.Path, content: object) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import datetime
 import pathlib
 import socket
+import subprocess
+import sys
 
 import pytest
 
@@ -22,6 +24,19 @@ NOW = datetime.datetime(2026, 5, 4, 3, 2, 1, tzinfo=datetime.UTC)
 def test_free_ports_differ() -> None:
     ports = launch.free_ports(socket.SOCK_DGRAM, 50)
     assert len(set(ports)) == 50
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere nothing reserves a port")
+def test_no_other_process_gets_a_port_before_it_is_opened() -> None:
+    program = (
+        "import socket; from simvehicle.launch import free_ports; print(*free_ports(socket.SOCK_DGRAM, 300))"
+    )
+    own = launch.free_ports(socket.SOCK_STREAM, 300)
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    others = [int(word) for word in done.stdout.split()]
+    assert len(set(others)) == 300
+    assert not set(own) & set(others)
+    assert max(*own, *others) < 32_768, "the operating system gives those from 32768 to whoever asks"
 
 
 def test_every_part_can_read_its_file(tmp_path: pathlib.Path) -> None:
