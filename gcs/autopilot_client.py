@@ -9,6 +9,7 @@ import asyncio
 import concurrent.futures
 import contextlib
 import logging
+import math
 import re
 import time
 from collections.abc import AsyncIterator, Awaitable, Sequence
@@ -43,6 +44,14 @@ _SERIAL = re.compile(r"(?P<port>/\S+?|COM\d+),(?P<baud>\d+)")
 
 class VehicleError(GroundError):
     """The autopilot did not answer, or would not."""
+
+
+def check_parameter(name: str, value: float = 0.0) -> None:
+    """`GroundError` for what no autopilot has; before one is looked for."""
+    if not re.fullmatch(r"[A-Za-z0-9_]{1,16}", name):
+        raise GroundError(f"parameter {name!r}: a name has 1 to 16 letters, digits and underscores")
+    if not math.isfinite(value):
+        raise GroundError(f"parameter {name}: {value} is no value")
 
 
 def mavsdk_url(link: str) -> str:
@@ -222,8 +231,6 @@ class Vehicle:
         """A parameter's value, and whether it is an integer to the vehicle."""
         from mavsdk.plugins.param import ParamError, ParamResult
 
-        if not re.fullmatch(r"[A-Za-z0-9_]{1,16}", name):
-            raise GroundError(f"parameter {name!r}: a name has 1 to 16 letters, digits and underscores")
         try:
             return float(await self._param.get_param_float(name)), False
         except ParamError as error:

@@ -224,6 +224,7 @@ def plan_download(
     from gcs.autopilot_client import open_vehicle
     from mission.plan_file import Plan, plan_text
 
+    _check_directory(file)
     links, system = _links(config, link)
 
     async def download() -> Plan:
@@ -285,8 +286,9 @@ def param_get(
     json: JsonOption = False,
 ) -> None:
     """Read one parameter."""
-    from gcs.autopilot_client import open_vehicle
+    from gcs.autopilot_client import check_parameter, open_vehicle
 
+    check_parameter(name)
     links, system = _links(config, link)
 
     async def get() -> float:
@@ -307,8 +309,9 @@ def param_set(
     json: JsonOption = False,
 ) -> None:
     """Set one parameter and read it back."""
-    from gcs.autopilot_client import open_vehicle
+    from gcs.autopilot_client import check_parameter, open_vehicle
 
+    check_parameter(name, value)
     links, system = _links(config, link)
 
     async def put() -> None:
@@ -343,6 +346,7 @@ def param_save(
     json: JsonOption = False,
 ) -> None:
     """Write all parameters into a file."""
+    _check_directory(file)
     found = _parameters(drone, config, link)
     _write(file, _param_text(found))
     facts = {"drone": drone, "file": str(file), "parameters": len(found)}
@@ -382,6 +386,12 @@ def _words(parameters: dict[str, float]) -> str:
 
 def _param_text(parameters: dict[str, float]) -> str:
     return "".join(f"{name} {value:.9g}\n" for name, value in parameters.items())
+
+
+def _check_directory(file: pathlib.Path) -> None:
+    """Before a long download: that there is somewhere to put it."""
+    if not file.parent.is_dir():
+        raise GroundError(f"{file}: cannot be written: there is no directory {file.parent}")
 
 
 def _write(file: pathlib.Path, text: str) -> None:

@@ -217,6 +217,19 @@ class FleetView:
         stale_s = topics.STATE.stale_s
         return agent is not None and stale_s is not None and agent.age_s(now_s) <= stale_s
 
+    def witnesses(self, drone: int, now_s: float) -> list[Agent]:
+        """The other agents whose fresh trees count `drone` in: they hear it, whatever we do."""
+        return [
+            agent
+            for agent in self.agents.values()
+            if agent.drone != drone
+            and agent.tree is not None
+            and agent.tree_s is not None
+            and now_s - agent.tree_s <= (topics.TREE.stale_s or 0.0)
+            and drone not in agent.tree.lost
+            and any(member == drone for member, _ in agent.tree.slots)
+        ]
+
     def frame_matches(self, drone: int) -> bool:
         """Whether the drone's positions are in our frame (or nothing speaks against it)."""
         agent = self.agents.get(drone)

@@ -166,7 +166,7 @@ class Monitor:
             return
         if math.isinf(agent_age_s) and (vehicle is None or not flying):
             if agent.drone in fleet.members:
-                text = "no agent heard since this ground station started"
+                text = f"no agent heard{why_unheard(now_s, fleet, agent.drone)}"
                 yield Condition("absent", Severity.WARNING, text, self._limits.absent_s)
             return
         silent = "no agent heard" if math.isinf(agent_age_s) else f"agent silent for {_age(agent_age_s)}"
@@ -252,6 +252,16 @@ class Monitor:
         if airborne and fraction <= limits.battery_critical_fraction:
             severity = Severity.CRITICAL
         return Condition("battery", severity, f"battery at {fraction:.0%}, mode {mode}", 2.0)
+
+
+def why_unheard(now_s: float, fleet: FleetView, drone: int) -> str:
+    """How "no agent heard" goes on. Where others are heard the network itself works, and what is missing may be our
+    own connection: nodes whose files list all endpoints do not tell of each other."""
+    mend = "is its endpoint in our swarm.connect?"
+    witnesses = fleet.witnesses(drone, now_s)
+    if witnesses:
+        return f" here, but drone {witnesses[0].drone} hears it: {mend}"
+    return f", but others are: does it run, and {mend}" if fleet.agents else ""
 
 
 def _alarm(drone: int, standing: _Standing) -> Alarm:

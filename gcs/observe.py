@@ -10,9 +10,13 @@ import msgspec
 
 from flightstack.topics import REPORT
 from flightstack.transport import Received
+from flightstack.wire import Severity
 from gcs.connection import Connection
 from gcs.fleet import DroneRow, FleetView
-from gcs.monitor import Alarm, Monitor
+from gcs.monitor import NEVER_HEARD_AFTER_S, Alarm, Monitor, why_unheard
+
+SILENCES = frozenset({"absent", "agent_silent", "lost", "orphan"})
+"""Alarms that say that an agent is not heard."""
 
 
 class Observer:
@@ -21,6 +25,7 @@ class Observer:
     def __init__(self, connection: Connection, now_s: float, *, patience: float = 1.0) -> None:
         self.view = FleetView(connection.members, connection.frame, now_s)
         self._swarm = connection.swarm
+        self._patience = patience
         self._monitor = Monitor(connection.alarms, connection.local_fence(), patience=patience)
 
     def step(self, now_s: float, received: Sequence[Received]) -> None:
@@ -36,12 +41,32 @@ class Observer:
         return view.report.sender
 
     def alarms(self, now_s: float) -> list[Alarm]:
-        """The running station's alarms (it has watched for longer and hears the autopilots), else our own."""
+        """The running station's alarms (it has watched for longer and hears the autopilots), else our own. That we
+        do not hear a drone of which the station says nothing is ours in any case."""
         report = self.view.report
         if report is None or self.view.report_s is None or self.station(now_s) is None:
             return self._monitor.alarms
         at_s = self.view.report_s
-        return [Alarm(a.severity, a.drone, a.code, a.text, at_s - a.age_s) for a in report.alarms]
+        theirs = [Alarm(a.severity, a.drone, a.code, a.text, at_s - a.age_s) for a in report.alarms]
+        silent = {alarm.drone for alarm in theirs if alarm.code in SILENCES}
+        return [*theirs, *self._unheard_here(now_s, silent)]
+
+    def _unheard_here(self, now_s: float, silent: set[int]) -> list[Alarm]:
+        """Members that the station hears and this node, which has connections of its own, does not."""
+        since_s = self.view.started_s + NEVER_HEARD_AFTER_S * self._patience
+        if now_s < since_s:
+            return []
+        return [
+            Alarm(
+                Severity.WARNING,
+                drone,
+                "absent",
+                f"no agent heard{why_unheard(now_s, self.view, drone)}",
+                since_s,
+            )
+            for drone in self.view.members
+            if drone not in self.view.agents and drone not in silent
+        ]
 
     def heard_anybody(self) -> bool:
         return bool(self.view.agents) or self.view.report is not None

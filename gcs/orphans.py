@@ -22,7 +22,6 @@ import msgspec
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.autopilot.modes import Duty, Flavour, mode_of
-from flightstack.topics import TREE
 from flightstack.wire import Phase, Severity
 from gcs.config import OrphanConfig
 from gcs.fleet import HEARTBEAT_LOST_S, FleetView
@@ -191,7 +190,7 @@ class OrphanKeeper:
             return ""
         if fleet.vehicles.companion_age_s(drone, now_s) <= HEARTBEAT_LOST_S:
             return "its companion is heard over MAVLink"
-        if phase in SURVEYING and any(_witnesses(now_s, fleet, drone)):
+        if phase in SURVEYING and _counted_in(now_s, fleet, drone):
             return "other drones still count it in"
         alone = not any(fleet.agent_live(other, now_s) for other in fleet.agents if other != drone)
         if alone and len(fleet.members) > 1 and silence_s < self._config.all_silent_grace_s:
@@ -249,18 +248,11 @@ def _px4_by_itself(vehicle: Component, case: _Case, phase: Phase | None) -> bool
     return holds and 0.0 <= vehicle.mode_since_s - case.since_s <= FAILSAFE_HOLD_S
 
 
-def _witnesses(now_s: float, fleet: FleetView, drone: int) -> list[bool]:
-    """For each other surveying agent that we hear: whether its tree still counts `drone` in."""
-    return [
-        drone not in agent.tree.lost and any(member == drone for member, _ in agent.tree.slots)
-        for agent in fleet.agents.values()
-        if agent.drone != drone
-        and agent.tree is not None
-        and agent.tree_s is not None
-        and now_s - agent.tree_s <= (TREE.stale_s or 0.0)
-        and agent.state is not None
-        and agent.state.phase in SURVEYING
-    ]
+def _counted_in(now_s: float, fleet: FleetView, drone: int) -> bool:
+    """Whether somebody who surveys still counts `drone` in."""
+    return any(
+        agent.state is not None and agent.state.phase in SURVEYING for agent in fleet.witnesses(drone, now_s)
+    )
 
 
 def _answer(vehicle: Component, case: _Case) -> str:

@@ -11,6 +11,7 @@ import typer
 from typer.testing import CliRunner
 
 from gcs.cli import app
+from gcs.errors import GroundError
 from gcs.monitor import Monitor
 
 DOCUMENT = pathlib.Path(__file__).parents[3] / "docs" / "ground-station.md"
@@ -62,3 +63,19 @@ def test_a_plan_that_is_good_and_one_that_is_not(tmp_path):
     done = CliRunner().invoke(app, ["plan", "check", str(plan), "--json"])
     assert done.exit_code == 2
     assert "ceiling" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["param", "get", "A" * 17], "1 to 16 letters"),
+        (["param", "set", "RTL_ALT", "nan"], "nan is no value"),
+        (["param", "save", "/absent/x.param"], "there is no directory /absent"),
+        (["plan", "download", "/absent/x.plan"], "there is no directory /absent"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_a_vehicle_is_looked_for(arguments, words, monkeypatch):
+    monkeypatch.setattr("gcs.autopilot_client.open_vehicle", None)
+    done = CliRunner().invoke(app, [*arguments, "--drone", "1", "--link", "udpin:127.0.0.1:0"])
+    assert isinstance(done.exception, GroundError)
+    assert words in str(done.exception)

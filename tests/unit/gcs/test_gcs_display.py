@@ -124,7 +124,9 @@ def test_the_running_stations_alarms_are_shown_rather_than_our_own(frame, state,
     )
     snapshot = observer.snapshot(1.0)
     assert snapshot.station == "ground"
-    assert [(a.drone, a.code, a.age_s) for a in snapshot.alarms] == [(2, "orphan", 12.0)]
+    assert [(a.drone, a.code, a.age_s) for a in snapshot.alarms] == [(2, "orphan", 12.0)], (
+        "drone 2 counts as told of"
+    )
     later = observer.snapshot(20.0)
     assert later.station is None, "a station that fell silent is not one"
 
@@ -153,3 +155,24 @@ def test_a_little_below_the_background_is_nothing(frame, state, on_air):
     observer.step(1.0, [on_air(state(1, excess_co2_ppm=Scalar(-0.2, 4.0, 0.1)))])
     text = "\n".join(draw(report("etna", observer.view.rows(1.0), [], None, 1.0)))
     assert "-0" not in text
+
+
+def test_a_drone_that_only_we_do_not_hear_is_told_with_the_reason(frame, state, tree, on_air):
+    """The station and drone 1 hear drone 2; this node was given too few endpoints."""
+    observer = observer_of(frame)
+    messages = [state(1), tree(1, (1, 2)), GroundReport("ground", frame.identity, (), ())]
+    observer.step(1.0, [on_air(message) for message in messages])
+    (alarm,) = observer.snapshot(1.0).alarms
+    assert (alarm.drone, alarm.code) == (2, "absent")
+    assert alarm.text == "no agent heard here, but drone 1 hears it: is its endpoint in our swarm.connect?"
+    observer.step(1.1, [on_air(state(2))])
+    assert observer.snapshot(1.1).alarms == ()
+
+
+def test_a_drone_that_nobody_hears_may_be_off_or_not_connected(frame, state, on_air):
+    observer = observer_of(frame)
+    observer.step(1.0, [on_air(state(1))])
+    (alarm,) = observer.snapshot(1.0).alarms
+    assert (
+        alarm.text == "no agent heard, but others are: does it run, and is its endpoint in our swarm.connect?"
+    )
