@@ -205,8 +205,8 @@ class Co2Filter:
 
     def _update(self, time_s: float, value_ppm: float) -> None:
         before = (self._bank.snapshot(), self._time_s)
+        variance = self._reading_variance(value_ppm)
         self._predict_to(time_s)
-        variance = self.config.reading_variance_ppm2(value_ppm)
         innovation, nis = self._bank.innovation(value_ppm, variance, READING)
         if nis > self.config.gate_sd**2:
             if not self._confirmed(time_s, innovation):
@@ -218,6 +218,12 @@ class Co2Filter:
         self._verdicts.append(True)
         self._remember(time_s, before, value_ppm, variance)
         self._correct(value_ppm, variance)
+
+    def _reading_variance(self, value_ppm: float) -> float:
+        """Of the next reading, as steep as the instrument's response is now."""
+        x = self._bank.x
+        slope_ppmps = float(x[EXCESS] + x[BACKGROUND] - x[READING]) / self.config.lag_s
+        return self.config.reading_variance_ppm2(value_ppm, slope_ppmps)
 
     def _confirmed(self, time_s: float, innovation_ppm: float) -> bool:
         """Whether this wild reading is the second in a row on the same side: a plume's edge and not a
@@ -248,7 +254,7 @@ class Co2Filter:
             self._steps.pop()
         self._bank.restore(first.before)
         self._time_s = first.state_time_s
-        again = [(time_s, value_ppm, self.config.reading_variance_ppm2(value_ppm), False)]
+        again = [(time_s, value_ppm, self._reading_variance(value_ppm), False)]
         again += [(s.time_s, s.value_ppm, s.variance_ppm2, s.clean) for s in later]
         for moment_s, value, variance, clean in again:
             before = (self._bank.snapshot(), self._time_s)

@@ -39,6 +39,8 @@ class Co2FilterConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     noise_fraction: float = 0.002
     """What a reading's standard deviation grows by with the reading itself."""
     resolution_ppm: float = 0.01
+    time_sd_s: float = 0.03
+    """How well it is known when a reading was made: it is stamped with the tick in which it was received."""
     drift_ppm_per_sqrt_hour: float = 5.0
     """Random walk of background and instrument together: standard deviation after an hour."""
     background_co2_ppm: float | None = None
@@ -91,10 +93,17 @@ class Co2FilterConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
             if not 0.0 < getattr(self, name) < float("inf"):
                 raise ValueError(f"{name} {getattr(self, name)} is not a positive number")
 
-    def reading_variance_ppm2(self, reading_ppm: float) -> float:
-        """Variance of one reading: noise, noise that grows with the reading, and rounding."""
-        grown_ppm = self.noise_fraction * reading_ppm
-        return self.noise_ppm**2 + grown_ppm * grown_ppm + self.resolution_ppm**2 / 12.0
+    def reading_variance_ppm2(self, reading_ppm: float, slope_ppmps: float = 0.0) -> float:
+        """Variance of one reading: noise, noise that grows with the reading, rounding, and what the reading
+        moves by (`slope_ppmps`) in the time that is not known.
+
+        Undoing the lag multiplies a reading's change by fifteen at 10 Hz: without the last part, a tick that
+        comes late at a plume's edge passes for twice the concentration.
+        """
+        grown_ppm, moved_ppm = self.noise_fraction * reading_ppm, self.time_sd_s * slope_ppmps
+        return (
+            self.noise_ppm**2 + grown_ppm * grown_ppm + moved_ppm * moved_ppm + self.resolution_ppm**2 / 12.0
+        )
 
 
 class Co2Model:

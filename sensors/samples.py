@@ -31,7 +31,8 @@ class Sample(msgspec.Struct, frozen=True):
     """One message of an instrument. Values are present only where they are valid (`state` measuring)."""
 
     time_s: float
-    """When it was received, on the receiver's clock."""
+    """When it was made, on the receiver's clock, as far as that is known: when it was asked for, else when it
+    was received."""
     instrument: str
     """The configured name of the instrument, "co2" or "anemometer_top"."""
     state: InstrumentState

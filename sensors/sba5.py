@@ -39,6 +39,8 @@ STATUS: Final = {
 
 _SEPARATORS = re.compile(r"[ ,\t]+")
 _ECHO = re.compile(r"[!MZ?]|OK|(?:[ACP] ?\d+)", re.ASCII)
+_ANSWER_S: Final = 0.5
+"""An answer that takes longer is not one to the last question."""
 _ZERO_LOST_S: Final = 30.0
 """A zero reports every second: after this silence about it, its last line was lost."""
 
@@ -66,6 +68,7 @@ class Sba5(StreamInstrument):
         super().__init__("sba5", name, Quantity.CO2, LineFramer(), silence_s=2.0)
         self.options = options or Sba5Options()
         self._pacer = Pacer(1.0 / self.options.poll_hz)
+        self._asked_s: float | None = None
         self._state = InstrumentState.MEASURING
         self._zero_progress = ""
         self._zero_s = 0.0
@@ -91,7 +94,10 @@ class Sba5(StreamInstrument):
             self._zero_running = False  # it never answered: ask again
         # While it warms or zeroes, readings are of no use: once a second keeps the line known to be alive.
         idle = self._state in (InstrumentState.WARMING, InstrumentState.ZEROING)
-        return b"M" if self._pacer.due(now_s, 1.0 if idle else None) else b""
+        if not self._pacer.due(now_s, 1.0 if idle else None):
+            return b""
+        self._asked_s = now_s
+        return b"M"
 
     def _read(self, now_s: float, frame: bytes) -> Sample | None:
         text = frame.decode("ascii", "replace").strip("\0 \t")
@@ -152,8 +158,11 @@ class Sba5(StreamInstrument):
         if self._zero_progress and 0.0 <= now_s - self._zero_s < _ZERO_LOST_S:
             return self._sample(now_s, InstrumentState.ZEROING, status=status, reason=self._zero_progress)
         self._zero_progress = ""
+        # It measures when it is asked; that its answer is read a tick later is no lag of the air.
+        asked_s = self._asked_s
+        made_s = asked_s if asked_s is not None and 0.0 <= now_s - asked_s < _ANSWER_S else now_s
         return co2_sample(
-            now_s,
+            made_s,
             self.name,
             ppm,
             range_ppm=self.options.range_ppm,

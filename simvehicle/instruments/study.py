@@ -70,41 +70,42 @@ class PlumePass:
 def fly_through_plume(
     seed: int, duration_s: float = 50.0, turbulence: float = 0.1, config: Co2FilterConfig | None = None
 ) -> PlumePass:
-    """A straight flight at 4 to 7 m/s across a Gaussian plume of 50 to 1,000 ppm, sd 4 to 12 m, with an
+    """A straight flight at 4 to 7 m/s across a Gaussian plume of 50 to 1,000 ppm, sd 4 to 10 m, with an
     SBA-5.
 
     The background is unknown to the filter, and the air of the start departs from it by 1 ppm (standard
     deviation). Inside the plume the concentration fluctuates by `turbulence` of itself, over about a second.
+    As in an agent, an answer is read in the tick after its question, and a tick comes up to 40 ms late.
     """
     rng = np.random.default_rng([seed, 0x5BA5])
     speed_mps, sd_m = rng.uniform(4.0, 7.0), rng.uniform(4.0, 10.0)
     peak_ppm = math.exp(rng.uniform(math.log(50.0), math.log(1000.0)))
     peak_s = rng.uniform(0.5, 0.7) * duration_s
     background_ppm, departure_ppm = 420.0 + rng.normal(0.0, 5.0), rng.normal(0.0, 1.0)
-    eddy = _smooth_noise(rng, int(duration_s / TICK_S) * _FINE + 1, TICK_S / _FINE, time_s=0.7)
+    steps = int(duration_s / TICK_S) * _FINE
+    eddy = _smooth_noise(rng, steps + 1, TICK_S / _FINE, time_s=0.7)
+    late_steps = rng.integers(0, 3, steps // _FINE).tolist()
+    ticks = {tick * _FINE + late for tick, late in enumerate(late_steps)}
     emulator = make_emulator("sba5", rng)
     instrument = make_instrument("sba5")
     emulator.receive(0.0, instrument.connected(0.0))
     filter_ = Co2Filter(config)
+    said = b""
     rows = []
-    for tick in range(int(duration_s / TICK_S)):
-        samples: list[Sample] = []
-        excess_ppm = 0.0
-        for fine in range(_FINE):
-            step = tick * _FINE + fine
-            time_s = step * TICK_S / _FINE
-            across_m = (time_s - peak_s) * speed_mps
-            excess_ppm = (
-                peak_ppm * math.exp(-0.5 * (across_m / sd_m) ** 2) * max(1.0 + turbulence * eddy[step], 0.0)
-            )
-            excess_ppm += departure_ppm * min(max((_SETTLE_S - time_s) / 2.0, 0.0), 1.0)
-            samples += instrument.receive(
-                time_s, emulator.step(time_s, Air(co2_ppm=background_ppm + excess_ppm))
-            )
-        now_s = (tick * _FINE + _FINE - 1) * TICK_S / _FINE
-        request, late = instrument.poll(now_s)
+    for step in range(steps):
+        now_s = step * TICK_S / _FINE
+        across_m = (now_s - peak_s) * speed_mps
+        excess_ppm = (
+            peak_ppm * math.exp(-0.5 * (across_m / sd_m) ** 2) * max(1.0 + turbulence * eddy[step], 0.0)
+        )
+        excess_ppm += departure_ppm * min(max((_SETTLE_S - now_s) / 2.0, 0.0), 1.0)
+        said += emulator.step(now_s, Air(co2_ppm=background_ppm + excess_ppm))
+        if step not in ticks:
+            continue
+        samples, said = instrument.receive(now_s, said), b""
+        request, silent = instrument.poll(now_s)
         emulator.receive(now_s, request)
-        estimate = filter_.step(now_s, samples + late)
+        estimate = filter_.step(now_s, samples + silent)
         if estimate is not None and now_s >= _SETTLE_S:
             rows.append(
                 (

@@ -106,6 +106,29 @@ def test_the_estimate_leads_the_reading_at_an_edge() -> None:
     assert bench.run(3.0).excess_co2_ppm == pytest.approx(300.0, abs=15.0)
 
 
+def test_late_ticks_do_not_pass_for_a_higher_plume() -> None:
+    """A narrow plume of 5,000 ppm, each reading up to 0.1 s older than its stamp: undoing the lag multiplies
+    that error."""
+    rng = np.random.default_rng(3)
+    filter_, fine_s, cells_ppm, cell_ppm, highest_ppm = Co2Filter(), 0.01, [], 420.0, 0.0
+    for i in range(3000):
+        excess_ppm = 5000.0 * math.exp(-0.5 * ((fine_s * i - 20.0) / 1.0) ** 2)
+        cell_ppm += (420.0 + excess_ppm - cell_ppm) * -math.expm1(-fine_s / 1.5)
+        cells_ppm.append(cell_ppm)
+    squares = []
+    for i in range(10, 3000, 10):
+        now_s, value_ppm = fine_s * i, cells_ppm[i - int(rng.integers(0, 11))]
+        value_ppm += math.hypot(1.0, 0.002 * value_ppm) * float(rng.normal())
+        estimate = filter_.step(now_s, [reading(now_s, value_ppm)])
+        assert estimate is not None
+        highest_ppm = max(highest_ppm, estimate.excess_co2_ppm)
+        truth_ppm = 5000.0 * math.exp(-0.5 * ((now_s - 20.0) / 1.0) ** 2)
+        if truth_ppm > 500.0:
+            squares.append((estimate.excess_co2_ppm - truth_ppm) ** 2 / estimate.variance_ppm2)
+    assert highest_ppm < 6000.0
+    assert np.mean(squares) < 5.0
+
+
 def test_one_spark_is_refused_and_two_are_an_edge() -> None:
     bench = Bench()
     bench.run(20.0)

@@ -109,6 +109,15 @@ def test_sba5_greets_polls_and_tells_of_silence() -> None:
     assert "no answer for" in late[0].reason
 
 
+def test_sba5_reading_was_made_when_it_was_asked_for() -> None:
+    sba5 = make_instrument("sba5")
+    sba5.connected(0.0)
+    line = b"M 50885 48094 500.96 55.0 0.0 0.0 829 55.0 55.0 00\r\n"
+    assert sba5.poll(1.0)[0] == b"M"
+    assert sba5.receive(1.13, line)[0].time_s == 1.0
+    assert sba5.receive(9.0, line)[0].time_s == 9.0, "not the answer to a question of long ago"
+
+
 def test_sba5_zeroes_twice_after_a_warm_up_and_never_when_it_was_warm() -> None:
     sba5 = make_instrument("sba5")
     sba5.connected(0.0)
