@@ -76,9 +76,12 @@ def decode(
 ) -> None:
     """What a recorded byte stream says: one line for every message of the instrument."""
     instrument = make_instrument(type_name, None, _options(option))
-    period_s = usual_period_s(instrument_type(type_name))
-    for sample in decode_stream(instrument, read_bytes(file), period_s):
+    period_s, data, count = usual_period_s(instrument_type(type_name)), read_bytes(file), 0
+    for sample in decode_stream(instrument, data, period_s):
         typer.echo(sample_line(sample) if as_json else sample_text(sample))
+        count += 1
+    if not count:
+        raise SensorError(f"{file}: no message of a {instrument.kind} in its {len(data)} bytes")
 
 
 @app.command()

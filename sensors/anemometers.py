@@ -31,12 +31,12 @@ class Mounting(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 def body_axes(north_mps: float, east_mps: float, up_mps: float, mounting: Mounting) -> Vector3:
     """Where the air goes in body axes, from where it goes in the instrument's (its marks for north and east,
     and up)."""
-    right, down = east_mps, 0.0 - up_mps  # never -0.0, which reads odd
+    right, down = east_mps, 0.0 - up_mps  # never -0.0, which reads odd, nor below
     if mounting.upside_down:
         right, down = -right, -down
     turn = math.radians(mounting.mount_yaw_deg)
     forward = north_mps * math.cos(turn) - right * math.sin(turn)
-    return forward, north_mps * math.sin(turn) + right * math.cos(turn), down
+    return 0.0 + forward, 0.0 + north_mps * math.sin(turn) + right * math.cos(turn), down
 
 
 def towards(speed_mps: float, from_deg: float) -> tuple[float, float]:

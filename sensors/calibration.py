@@ -71,6 +71,9 @@ class CalibratedInstrument:
     def receive(self, now_s: float, data: bytes) -> list[Sample]:
         return [self.calibration.apply(s) for s in self._instrument.receive(now_s, data)]
 
+    def ended(self, now_s: float) -> list[Sample]:
+        return [self.calibration.apply(s) for s in self._instrument.ended(now_s)]
+
     def poll(self, now_s: float) -> tuple[bytes, list[Sample]]:
         return self._instrument.poll(now_s)
 

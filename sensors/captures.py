@@ -55,10 +55,9 @@ def decode(instrument: Instrument, data: bytes, period_s: float) -> Iterator[Sam
     """Every message in a recorded byte stream; the stream has no times, so messages are taken `period_s`
     apart."""
     count = 0
-    # A line that was cut off at the end of the recording is still a line; binary protocols skip the two
-    # bytes.
-    for piece in _pieces(data + b"\r\n"):
-        for sample in instrument.receive(count * period_s, piece):
+    for piece in (*_pieces(data), None):
+        now_s = count * period_s
+        for sample in instrument.ended(now_s) if piece is None else instrument.receive(now_s, piece):
             yield msgspec.structs.replace(sample, time_s=count * period_s)
             count += 1
 

@@ -19,6 +19,10 @@ class Framer(Protocol):
         """Complete candidates in order; None stands for a stretch of bytes that can be no message at all."""
         ...
 
+    def end(self) -> list[bytes | None]:
+        """What is left where the stream is over, as in `feed`."""
+        ...
+
     def clear(self) -> None:
         """Forget partial input."""
         ...
@@ -46,6 +50,10 @@ class LineFramer:
             self.clear()
         self._append(rest, found)
         return found
+
+    def end(self) -> list[bytes | None]:
+        """A line that was cut off is still a line."""
+        return self.feed(b"\n")
 
     def _append(self, piece: bytes, found: list[bytes | None]) -> None:
         if self._skipping:

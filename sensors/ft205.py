@@ -6,7 +6,8 @@ between $ and *; the host may write // for the identifier ("any sensor") and for
 checked"). `WV?` asks for the wind velocity, answered in one of three formats:
 
 * polar `$WI,WVP=<speed m/s>,<angle>,<status>*hh`
-* combined `$WI,WVC=<speed>,<angle>,<status>,<acoustic temperature>,C,<A or V>*hh`
+* combined `$WI,WVC=<speed>,<angle>,<status>,<acoustic temperature>,C,<A or V>*hh`, by its text also with the
+  head WVP; A or V is the temperature's status
 * NMEA 0183 `$WIMWV,<angle>,R,<speed>,<unit>,<A or V>*hh`
 
 The angle is where the wind comes from, against the sensor's datum. Status 0 is good, 1 an error, 2 overspeed.
@@ -59,16 +60,15 @@ class Ft205(StreamInstrument):
         head, separator, speed = fields[1].partition("=")
         if not separator or head not in ("WVP", "WVC"):
             return None  # the answer to a setting
-        expected = 4 if head == "WVP" else 7
-        speed_mps, from_deg = number(speed), number(fields[2]) if len(fields) > 2 else None
-        if len(fields) != expected or speed_mps is None or from_deg is None or not 0.0 <= from_deg < 360.0:
+        speed_mps, from_deg = number(speed), number(fields[2]) if len(fields) in (4, 7) else None
+        if speed_mps is None or speed_mps < 0.0 or from_deg is None or not 0.0 <= from_deg < 360.0:
             return self._unknown(now_s, frame, "not an FT205 wind message")
         status = fields[3]
         if status != "0":
             reason = STATUS.get(status, f"unknown status {status}")
             return self._sample(now_s, InstrumentState.ERROR, status=status[:8], reason=reason)
         temperature_c = None
-        if head == "WVC" and fields[5] == "C":
+        if len(fields) == 7 and fields[5] == "C":
             # The manual's text calls A "acquiring" and its examples show A in running sensors: taken as
             # valid.
             temperature_c = number(fields[4])

@@ -24,7 +24,9 @@ from sensors.stream import StreamInstrument
 
 BAUD: Final = 9600
 
-_FIELDS: Final = re.compile(r"(?:[A-Za-z.@] +\d{1,5})(?: +[A-Za-z.@] +\d{1,5})*", re.ASCII)
+_FIELD: Final = r"(?:[Zz] +\d{5}|[A-Ya-y.@] +\d{1,5})"
+"""CO2 has always five digits: with fewer, some were lost on the line, and the number is another one."""
+_FIELDS: Final = re.compile(rf"{_FIELD}(?: +{_FIELD})*", re.ASCII)
 _MULTIPLIERS: Final = (1, 10, 100)
 _ANSWER_S: Final = 2.0
 

@@ -63,11 +63,21 @@ class ModbusFramer:
         self._noise = 0
 
     def feed(self, data: bytes) -> list[bytes | None]:
-        found: list[bytes | None] = []
         self._buffer += data
+        return self._cut(at_end=False)
+
+    def end(self) -> list[bytes | None]:
+        found = self._cut(at_end=True)
+        if self._noise:
+            found.append(None)
+        self.clear()
+        return found
+
+    def _cut(self, at_end: bool) -> list[bytes | None]:
+        found: list[bytes | None] = []
         while self._buffer:
             length, complete = self._frame_length()
-            if not complete:
+            if not (complete or at_end):
                 break
             if length:
                 if self._noise:
@@ -134,7 +144,7 @@ class K30(StreamInstrument):
                 reason = ", ".join(faults) or f"unknown status {status}"
                 return self._sample(now_s, InstrumentState.ERROR, status=status, reason=reason)
         elif len(words) != 1:
-            return None
+            return self._unknown(now_s, frame, f"{len(words)} registers, which nobody here asked for")
         counts = words[-1] - 0x10000 if words[-1] & 0x8000 else words[-1]  # 16 bits, signed
         return co2_sample(
             now_s,

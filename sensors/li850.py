@@ -79,6 +79,11 @@ class RecordFramer:
                 found.append(None)  # its end was lost, and another record begins
                 self._buffer = self._buffer[stop:]
 
+    def end(self) -> list[bytes | None]:
+        found: list[bytes | None] = [None] if self._noise or self._buffer.strip() else []
+        self.clear()
+        return found
+
     def _possible_beginning(self) -> int:
         """How many bytes at the end of the buffer may be the beginning of an opening tag."""
         for count in range(min(_OPEN_BYTES - 1, len(self._buffer)), 0, -1):

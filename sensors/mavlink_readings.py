@@ -61,6 +61,9 @@ class MavlinkReadings:
             if message.get_type() == "NAMED_VALUE_FLOAT" and self._is_ours(message.name)
         ]
 
+    def ended(self, now_s: float) -> list[Sample]:  # noqa: ARG002 (half a frame says nothing)
+        return []
+
     def poll(self, now_s: float) -> tuple[bytes, list[Sample]]:
         if self._heard_s is None or 0.0 <= now_s - self._heard_s < _SILENCE_S:
             return b"", []

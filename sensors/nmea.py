@@ -14,7 +14,8 @@ _ENVELOPE: Final = re.compile(rb"\$([^$*]*)\*([0-9A-Fa-f]{2})")
 
 def sentence(frame: bytes) -> list[str] | None:
     """The comma-separated fields between $ and *, if the check sum is right; None otherwise."""
-    found = _ENVELOPE.fullmatch(frame.strip())
+    # What was on the line before the last $ is no part of it.
+    found = _ENVELOPE.fullmatch(frame[max(frame.rfind(b"$"), 0) :].strip())
     if found is None or xor_checksum(found[1]) != int(found[2], 16):
         return None
     return found[1].decode("ascii", "replace").split(",")

@@ -78,6 +78,10 @@ class Instrument(Protocol):
 
     def receive(self, now_s: float, data: bytes) -> list[Sample]: ...
 
+    def ended(self, now_s: float) -> list[Sample]:
+        """A recording is over: what its last bytes say, or that they say nothing."""
+        ...
+
     def poll(self, now_s: float) -> tuple[bytes, list[Sample]]:
         """Called every tick: bytes to send now, and samples that time alone causes (SILENT after a
         time-out)."""

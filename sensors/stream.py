@@ -40,15 +40,17 @@ class StreamInstrument(abc.ABC):
         return [self._sample(now_s, InstrumentState.SILENT, reason=reason)]
 
     def receive(self, now_s: float, data: bytes) -> list[Sample]:
-        samples = []
-        for frame in self._framer.feed(data):
-            sample = self._read(now_s, frame) if frame is not None else self._noise(now_s)
-            if sample is not None:
-                samples.append(sample)
         if data:
             self._heard_s = now_s
             self._told_silent_s = None
-        return samples
+        return self._meanings(now_s, self._framer.feed(data))
+
+    def ended(self, now_s: float) -> list[Sample]:
+        return self._meanings(now_s, self._framer.end())
+
+    def _meanings(self, now_s: float, frames: list[bytes | None]) -> list[Sample]:
+        found = [self._read(now_s, f) if f is not None else self._noise(now_s) for f in frames]
+        return [sample for sample in found if sample is not None]
 
     def poll(self, now_s: float) -> tuple[bytes, list[Sample]]:
         if not self._open:

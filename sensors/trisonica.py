@@ -27,6 +27,8 @@ BAUD: Final = 115_200
 RANGE_MPS: Final = 50.0
 SD_MPS: Final = 0.15
 
+_VOID: Final = -99.0
+"""What stands where it could not measure: -99.x."""
 _TAG: Final = re.compile(r"[A-Z][A-Z0-9]{0,4}", re.ASCII)
 _DIRECTION_FROM_MPS: Final = 0.5
 """Below this speed the direction's rounding and noise say nothing about the vector's sign."""
@@ -66,6 +68,9 @@ class Trisonica(StreamInstrument):
 
     def _vector(self, fields: dict[str, float]) -> tuple[float, float, float | None] | str:
         """North, east and up components, or why there are none."""
+        void = [t for t in ("S", "S2", "D", "U", "V", "W") if fields.get(t, 0.0) <= _VOID]
+        if void:
+            return f"no valid measurement ({' '.join(void)})"
         east, north, up = fields.get("U"), fields.get("V"), fields.get("W")
         flat_mps, speed_mps, from_deg = fields.get("S2"), fields.get("S"), fields.get("D")
         if from_deg is not None and not 0.0 <= from_deg <= 360.0:

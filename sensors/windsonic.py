@@ -43,10 +43,10 @@ class WindSonic(StreamInstrument):
         self.options = options or Mounting()
 
     def _read(self, now_s: float, frame: bytes) -> Sample | None:
-        text = frame.strip()
-        if text.startswith(b"$"):
-            return self._nmea(now_s, text)
-        found = _GILL.fullmatch(text)
+        if b"$" in frame:
+            return self._nmea(now_s, frame)
+        # What was on the line before the last STX is no part of it.
+        found = _GILL.fullmatch(frame[max(frame.rfind(b"\x02"), 0) :].strip())
         if found is None or xor_checksum(found[1]) != int(found[2], 16):
             return self._unknown(now_s, frame, "not a WindSonic message, or its check sum is wrong")
         fields = found[1].decode("ascii", "replace").split(",")

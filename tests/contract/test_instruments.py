@@ -66,9 +66,10 @@ def check(sample: Sample, instrument: Instrument) -> None:
 @given(stream=streams, cuts=st.lists(st.integers(0, 2000), max_size=6))
 def test_any_bytes_in_any_chunking(kind: str, stream: bytes, cuts: list[int]) -> None:
     whole, pieces = make_instrument(kind), make_instrument(kind)
-    expected = whole.receive(1.0, stream)
+    expected = whole.receive(1.0, stream) + whole.ended(1.0)
     edges = [0, *sorted(min(c, len(stream)) for c in cuts), len(stream)]
     found = [s for a, b in itertools.pairwise(edges) for s in pieces.receive(1.0, stream[a:b])]
+    found += pieces.ended(1.0)
     assert found == expected
     for sample in found:
         check(sample, pieces)

@@ -75,6 +75,16 @@ def test_decode_gives_one_line_for_every_message(capture: pathlib.Path) -> None:
     assert "500.96 ppm" in run("decode", capture, "--type", "SBA-5")
 
 
+@pytest.mark.parametrize(
+    ("type_name", "data"), [("sba5", b""), ("mavlink", b"\xfe\x55 no frame"), ("sba5", b"OK\r\n")]
+)
+def test_decode_says_where_there_is_no_message(tmp_path: pathlib.Path, type_name: str, data: bytes) -> None:
+    path = tmp_path / "nothing.bin"
+    path.write_bytes(data)
+    with pytest.raises(SensorError, match=f"no message of a {type_name} in its {len(data)} bytes"):
+        run("decode", path, "--type", type_name, "--json")
+
+
 def test_decode_takes_options(tmp_path: pathlib.Path) -> None:
     path = tmp_path / "wind.bin"
     path.write_bytes(b"U 00.00 V 05.00 W 00.00\r\n")

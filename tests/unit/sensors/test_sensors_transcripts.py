@@ -184,6 +184,14 @@ def test_k30_finds_replies_between_noise_echoes_and_damage() -> None:
 # --------------------------------------------------------------------------------------------------------
 
 
+def test_k30_reply_that_is_cut_off_or_of_another_question_is_told() -> None:
+    k30 = make_instrument("k30")
+    assert k30.receive(0.0, modbus("FE04 08 0000 0000 0000 0190")[:-1]) == []
+    assert [s.state for s in k30.ended(0.0)] == [ERROR]
+    assert k30.ended(0.0) == []
+    assert "nobody here asked" in one("k30", modbus("FE04 04 0000 0190")).reason
+
+
 def test_gss_multiplier_filtered_and_unfiltered() -> None:
     assert one("cozir", b" Z 00450 z 00448\r\n").co2_ppm == 450.0
     assert one("cozir", b" Z 00450 z 00448\r\n", unfiltered=True).co2_ppm == 448.0
@@ -204,7 +212,7 @@ def test_gss_on_a_line_guesses_no_multiplier() -> None:
 
 
 @pytest.mark.parametrize(
-    "line", [b"?", b" Z 00450 Z 00451", b" Z 4500000", b" Z -0045", b"50 z 00448", b" Z"]
+    "line", [b"?", b" Z 00450 Z 00451", b" Z 4500000", b" Z 0045", b" Z -0045", b"50 z 00448", b" Z"]
 )
 def test_gss_damaged_lines(line: bytes) -> None:
     sample = one("cozir", line + b"\r\n")
@@ -252,6 +260,12 @@ def test_li850_records_without_a_reading(record: bytes, state: InstrumentState, 
     sample = one("li850", record)
     assert (sample.state, sample.co2_ppm) == (state, None)
     assert word in sample.reason
+
+
+def test_li850_record_that_is_cut_off_is_told() -> None:
+    li850 = make_instrument("li850")
+    assert li850.receive(0.0, LI850 + b"\r\n" + LI850[:60])[0].state is MEASURING
+    assert [s.state for s in li850.ended(0.0)] == [ERROR]
 
 
 def test_li850_lost_ends_and_acknowledgements() -> None:
@@ -312,6 +326,7 @@ def test_trisonica_speed_and_direction_alone_is_a_flat_wind() -> None:
         TRISONICA.replace(b"U 03.01", b"U 13.01"),
         TRISONICA.replace(b"D 217", b"D 127"),
         TRISONICA.replace(b"D 217", b"D 417"),
+        TRISONICA.replace(b"W 00.50", b"W -99.9"),
         TRISONICA.replace(b"S2 05.00", b"S2"),
         TRISONICA.replace(b"T 21.22", b"U 21.22"),
         b"T 21.22 H 17.92",
@@ -332,6 +347,7 @@ def test_ft205_polar_combined_and_nmea_as_the_manual_prints_them() -> None:
         assert sample.wind_body_mps == pytest.approx((forward, forward, 0.0))
         assert not sample.wind_down_measured
     assert one("ft205", b"$WI,WVC=000.0,323,0,+026.3,C,A*4D\r\n").temperature_c == 26.3
+    assert one("ft205", nmea(b"WI,WVP=020.0,045,0,+026.3,C,V")).temperature_c == 26.3
     assert one("ft205", nmea(b"WIMWV,000,R,019.4,N,A")).wind_body_mps == pytest.approx(
         (-9.980, 0.0, 0.0), abs=2e-3
     )
@@ -344,6 +360,7 @@ def test_ft205_polar_combined_and_nmea_as_the_manual_prints_them() -> None:
         (nmea(b"WI,WVP=020.0,045,1"), "error"),
         (nmea(b"WI,WVP=075.0,045,2"), "overspeed"),
         (nmea(b"WI,WVP=020.0,360,0"), "not an FT205"),
+        (nmea(b"WI,WVP=-20.0,045,0"), "not an FT205"),
         (nmea(b"WIMWV,045,T,020.0,M,A"), "relative"),
         (nmea(b"WIMWV,045,R,020.0,M,V"), "void"),
     ],
@@ -352,6 +369,12 @@ def test_ft205_messages_without_a_reading(message: bytes, word: str) -> None:
     sample = one("ft205", message)
     assert (sample.state, sample.wind_body_mps) == (ERROR, None)
     assert word in sample.reason
+
+
+def test_a_whole_message_behind_the_rest_of_another_is_read() -> None:
+    assert one("ft205", b"$WI,WVP=020.$WI,WVP=020.0,045,0*73\r\n").state is MEASURING
+    assert one("windsonic", b"\x02Q,229,00" + gill(b"Q,229,002.74,M,00,")).state is MEASURING
+    assert one("windsonic", b"4,M\xff" + nmea(b"WIMWV,229,R,002.74,M,A")).state is MEASURING
 
 
 def test_ft205_asks_any_sensor_and_ignores_its_own_echo() -> None:
