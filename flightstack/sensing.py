@@ -14,6 +14,7 @@ from sensors.errors import SensorError
 from sensors.filter_settings import co2_filter_config
 from sensors.instruments import instrument_type, make_instrument
 from sensors.samples import Instrument, InstrumentState, Sample
+from sensors.wind_config import UNCALIBRATED_DRAG_SCALE_SD
 from sensors.wind_filter import VehicleMotion, WindFilter, WindFilterConfig
 
 
@@ -109,8 +110,14 @@ def co2_settings(instruments: Sequence[InstrumentConfig], filters: FiltersConfig
 
 
 def wind_settings(filters: FiltersConfig) -> WindFilterConfig:
-    """The wind filter's settings. `SensorError` for one that the filter does not have."""
-    return _changed(WindFilterConfig(), filters.wind, "filters.wind")
+    """The wind filter's settings; a drag that the drone's file does not give is hardly known.
+
+    `SensorError` for a setting that the filter does not have.
+    """
+    usual = WindFilterConfig()
+    if "drag" not in filters.wind:
+        usual = WindFilterConfig(drag_scale_sd=UNCALIBRATED_DRAG_SCALE_SD)
+    return _changed(usual, filters.wind, "filters.wind")
 
 
 S = TypeVar("S", bound=msgspec.Struct)

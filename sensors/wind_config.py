@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import msgspec
 
 from mission.frames import Vector3
 from sensors.airframe import DragModel
+
+UNCALIBRATED_DRAG_SCALE_SD: Final = 0.4
+"""How well the drag of an airframe is known that nobody has calibrated, as a fraction."""
 
 
 class WindFilterConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -37,7 +42,7 @@ class WindFilterConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     """None: the tilt is not used."""
     drag_window_s: float = 1.0
     drag_scale_sd: float = 0.05
-    """How well the drag coefficient is known, as a fraction."""
+    """How well the drag coefficient is known, as a fraction, where it was calibrated."""
     level_sd_rad: float = 0.004
     """How level the autopilot's horizon and the rotors' plane are to each other; this error stays for a
     flight."""

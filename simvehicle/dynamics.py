@@ -19,9 +19,10 @@ from mission.frames import Vector3
 GRAVITY_MPS2 = 9.80665
 
 DRAG_PER_S = 0.19
-"""Acceleration per metre per second of airspeed: 8.9 degrees of lean stand still in 8 m/s of wind. It is what
-`sensors.airframe` takes for granted. (The recorded ArduCopter has about twice this: 8.9 degrees in the 4 m/s that its
-simulator makes of "8 m/s" at 15 m, and it took the wind's speed with a time constant of 2.5 s when it was let go.)"""
+"""Acceleration per metre per second of airspeed: 8.9 degrees of lean stand still in 8 m/s of wind. The launcher
+tells it to the agents as their airframe's calibration. (The recorded ArduCopter has about twice this: 8.9 degrees in
+the 4 m/s that its simulator makes of "8 m/s" at 15 m, and it took the wind's speed with a time constant of 2.5 s when
+it was let go.)"""
 
 THRUST_LAG_S = 0.12
 """Time constant of the attitude and motor response."""

@@ -16,6 +16,7 @@ import yaml
 from flightstack.config import (
     AutopilotConfig,
     DroneConfig,
+    FiltersConfig,
     InstrumentConfig,
     SharedClockConfig,
     SwarmConfig,
@@ -23,6 +24,7 @@ from flightstack.config import (
 from flightstack.shared_clock import Cells
 from mission.documents import DocumentError
 from simvehicle.config import EmulatedInstrument, FleetConfig, VehicleSpec
+from simvehicle.dynamics import DRAG_PER_S
 from simvehicle.processes import Processes
 from simvehicle.survey import Survey, SurveyDrone
 
@@ -122,6 +124,7 @@ def plan(survey: Survey, directory: pathlib.Path) -> Plan:
                     InstrumentConfig(name=i.name, type=i.type, port=f"socket://{p}", options=i.options)
                     for i, p in ports
                 ),
+                filters=FiltersConfig(wind={"drag": {"linear_per_s": DRAG_PER_S}}),  # its airframe is known
                 formation=config.formation,
                 limits=config.limits,
                 geofence=survey.geofence,

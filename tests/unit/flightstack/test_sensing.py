@@ -8,6 +8,7 @@ from flightstack.config import FiltersConfig, InstrumentConfig
 from flightstack.sensing import Sensing, co2_settings, wind_settings
 from sensors.errors import SensorError
 from sensors.filter_settings import co2_filter_config
+from sensors.wind_config import UNCALIBRATED_DRAG_SCALE_SD
 
 CO2 = InstrumentConfig(name="co2", type="k30", port="/dev/ttyk30")
 
@@ -23,6 +24,12 @@ def test_tuned_values_stand_over_the_data_sheet() -> None:
     wind = wind_settings(FiltersConfig(wind={"drag": {"linear_per_s": 0.3}}))
     assert wind.drag is not None
     assert wind.drag.linear_per_s == 0.3
+
+
+def test_an_airframe_that_nobody_calibrated_tells_little_of_the_winds_strength() -> None:
+    assert wind_settings(FiltersConfig()).drag_scale_sd == UNCALIBRATED_DRAG_SCALE_SD
+    assert wind_settings(FiltersConfig(wind={"drag": {"linear_per_s": 0.3}})).drag_scale_sd < 0.1
+    assert wind_settings(FiltersConfig(wind={"drag_scale_sd": 0.2})).drag_scale_sd == 0.2
 
 
 @pytest.mark.parametrize(

@@ -76,6 +76,21 @@ def test_own_motion_rotation_and_mast_are_removed(
     assert estimate.sources == ("mast",)
 
 
+def test_a_recorded_quadrotor_has_linear_and_quadratic_drag() -> None:
+    """ArduCopter 4.6.3's simulated quadrotor, hovering: its tilt and the wind at its height."""
+    drag = DragModel(linear_per_s=0.24, quadratic_per_m=0.034)
+    for tilt_deg, wind_mps in (
+        (2.34, 1.39),
+        (3.98, 2.14),
+        (4.96, 2.55),
+        (6.51, 3.17),
+        (8.9, 4.0),
+        (10.68, 4.62),
+    ):
+        push_mps2 = GRAVITY_MPS2 * math.tan(math.radians(tilt_deg))
+        assert drag.airspeed_mps(push_mps2) == pytest.approx(wind_mps, rel=0.06)
+
+
 @settings(max_examples=30, deadline=None)
 @given(
     wind=st.tuples(speeds, speeds), velocity=st.tuples(speeds, speeds), yaw=angles, quadratic=st.booleans()
