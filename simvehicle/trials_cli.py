@@ -42,7 +42,11 @@ Acceleration = Annotated[float, typer.Option(help="Of cruise, m/s2.")]
 RMin = Annotated[float, typer.Option(help="Least distance of two drones, m.")]
 RMax = Annotated[float, typer.Option(help="Distance between levels of the formation, m.")]
 Layout = Annotated[str, typer.Option(help="rings (the paper's) or hexagonal.")]
-Seed = Annotated[int, typer.Option(min=0, help="The same seed gives the same trials for every strategy.")]
+_MOST = 2**63 - 1
+"""The kernels count in 64 bits."""
+Seed = Annotated[
+    int, typer.Option(min=0, max=_MOST, help="The same seed gives the same trials for every strategy.")
+]
 
 
 def _experiment(
@@ -143,7 +147,7 @@ def _trial(
     r_max: RMax = 3.0,
     layout: Layout = "rings",
     seed: Seed = 1,
-    trial: Annotated[int, typer.Option(min=0, help="Which of the seed's trials.")] = 0,
+    trial: Annotated[int, typer.Option(min=0, max=_MOST, help="Which of the seed's trials.")] = 0,
     plot: Annotated[
         bool, typer.Option("--plot", help="Draw tracks, contact and heals over the plume.")
     ] = False,
@@ -310,6 +314,16 @@ def _one_line() -> Iterator[None]:
         if not isinstance(error, TrialsError):
             raise
         typer.echo(f"simvehicle: {error}", err=True)
+        raise typer.Exit(2) from error
+    except OSError as error:
+        # Rows, pages and pictures have errors of their own; what is left is the compiler's directory.
+        from simvehicle.trials.compiled import cache_directory
+
+        typer.echo(
+            f"simvehicle: {error.strerror or error}; machine code is kept in {cache_directory()}: make room there, "
+            "or set XDG_CACHE_HOME; finished trials are kept",
+            err=True,
+        )
         raise typer.Exit(2) from error
     except ImportError as error:
         typer.echo(

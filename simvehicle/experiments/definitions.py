@@ -112,4 +112,9 @@ def define(name: str, options: Options) -> Experiment:
             raise TrialsError(problems[0])
     if not cells:
         raise TrialsError(f"{name}: nothing to run")
-    return Experiment(name, tuple(cells), tuple(compared), trials)
+    return Experiment(name, _once(cells), _once(compared), trials)
+
+
+def _once(cells: list[Cell]) -> tuple[Cell, ...]:
+    """What a person named twice is run once: two cells of one kind would be reported with both's trials."""
+    return tuple(dict.fromkeys(cells))

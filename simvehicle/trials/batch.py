@@ -77,7 +77,8 @@ def _on_cores(run: Run, missing: Sequence[Block], jobs: int) -> Finished:
     calls = (joblib.delayed(_work)(run.cells[block.cell], run.seed, block, run.engine) for block in missing)
     results = parallel(calls)
     try:
-        yield from results
+        for result in results:  # noqa: UP028 (`yield from` would close `results` before `finally` is reached)
+            yield result
     finally:
         with warnings.catch_warnings():
             # joblib warns that an interrupted run leaves work undone, which is what was asked for.

@@ -79,6 +79,10 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
             found.append(f"a swarm has 1 to 1000 drones, not {self.drones}")
         if not 0.0 <= self.failure_rate <= 1.0:
             found.append(f"a failure rate is a probability from 0 to 1, not {self.failure_rate:g}")
+        elif self.failure == "none" and self.failure_rate > 0.0:
+            found.append(
+                f"a failure rate of {self.failure_rate:g} needs a kind of failure: generic or in-plume"
+            )
         found += [
             f"{name} must be above 0, not {getattr(self, name):g}"
             for name in ("speed_mps", "acceleration_mps2", "r_min_m", "r_max_m", "step_m", "success_m")

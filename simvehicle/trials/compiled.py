@@ -62,19 +62,23 @@ ENGINE = _source_identity()
 """Equal for equal rules and kernels: results of two engines are never mixed."""
 
 
-def _cache_directory() -> pathlib.Path:
+def _usual_cache_directory() -> pathlib.Path:
     base = os.environ.get("XDG_CACHE_HOME")
     return (pathlib.Path(base) if base else pathlib.Path.home() / ".cache") / "flightstack" / ENGINE
 
 
+def cache_directory() -> pathlib.Path:
+    """Where machine code is kept."""
+    return pathlib.Path(str(numba.config.CACHE_DIR))  # type: ignore[attr-defined]
+
+
 def needs_compiling() -> bool:
     """Whether nothing has been compiled yet for these sources."""
-    directory = pathlib.Path(str(numba.config.CACHE_DIR))  # type: ignore[attr-defined]
-    return not any(directory.rglob("*.nbi"))
+    return not any(cache_directory().rglob("*.nbi"))
 
 
 if not os.environ.get("NUMBA_CACHE_DIR"):
-    numba.config.CACHE_DIR = str(_cache_directory())  # type: ignore[attr-defined]
+    numba.config.CACHE_DIR = str(_usual_cache_directory())  # type: ignore[attr-defined]
 
 for _rule in _RULES:
     numba.extending.register_jitable(_rule)

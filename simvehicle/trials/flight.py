@@ -14,6 +14,8 @@ from simvehicle.trials.motion import (
     PD,
     ROW,
     TICKS_PER_S,
+    VX,
+    VY,
     X,
     Y,
     begin_leg,
@@ -58,7 +60,11 @@ FAILURE, FIRST_CONTACT, FIRST_SUCCESS, FOUND = range(4)
 LIMIT_FACTOR = 1.5
 """Drones stay within so many arena radii of the start, per axis (authors)."""
 _BESIDE_M = 1.0
-"""No leg leaves the rectangle between its ends by more than this (the controller is overdamped)."""
+_BESIDE_S = 0.1
+"""No leg leaves the rectangle between its ends by more than _BESIDE_M + _BESIDE_S * speed, by axis.
+
+The controller is overdamped: a drone that is called away at full speed (`locus-hybrid` does it) runs on by less than
+0.08 s * speed, and the kick of a new target adds 6.25 m/s, half a metre."""
 
 
 class Scene(NamedTuple):
@@ -120,11 +126,13 @@ def _passes(
     """Whether the way from `row` to the target may cross a rectangle that is given relative to the plume."""
     x = scene.world[ORIGIN_X]
     y = scene.world[ORIGIN_Y]
+    beside_x = _BESIDE_M + _BESIDE_S * abs(row[VX])
+    beside_y = _BESIDE_M + _BESIDE_S * abs(row[VY])
     return bool(
-        max(row[X], tx) + _BESIDE_M >= x + low_x
-        and min(row[X], tx) - _BESIDE_M <= x + high_x
-        and max(row[Y], ty) + _BESIDE_M >= y + low_y
-        and min(row[Y], ty) - _BESIDE_M <= y + high_y
+        max(row[X], tx) + beside_x >= x + low_x
+        and min(row[X], tx) - beside_x <= x + high_x
+        and max(row[Y], ty) + beside_y >= y + low_y
+        and min(row[Y], ty) - beside_y <= y + high_y
     )
 
 

@@ -39,7 +39,7 @@ _SHORT_TICKS = 256
 
 
 class Pd(msgspec.Struct, frozen=True, tag="pd", tag_field="model", forbid_unknown_fields=True):
-    """The authors' controller: ten times slower than its gains suggest (a 10 m leg takes about 13 s)."""
+    """The authors' controller: ten times slower than its gains suggest (a 10 m leg from rest takes 18.5 s)."""
 
 
 class Cruise(msgspec.Struct, frozen=True, tag="cruise", tag_field="model", forbid_unknown_fields=True):

@@ -86,6 +86,7 @@ def test_failure_experiments_take_rates_and_tell_healing(tmp_path: pathlib.Path)
         (["trial", "--plume-at", "500,0"], "outside the arena"),
         (["trial", "--plume-at", "5"], "give NORTH,EAST"),
         (["trial", "--strategy", "none"], "no strategy is called 'none'"),
+        (["trial", "--rate", "1e-4"], "needs a kind of failure"),
     ],
 )
 def test_what_cannot_be_is_one_line(arguments: list[str], words: str, tmp_path: pathlib.Path) -> None:
@@ -94,6 +95,23 @@ def test_what_cannot_be_is_one_line(arguments: list[str], words: str, tmp_path: 
     assert words in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_no_room_for_machine_code_is_one_line(tmp_path: pathlib.Path) -> None:
+    limited = "import resource, runpy, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096)); "
+    limited += "sys.argv = ['simvehicle', 'trial', '--drones', '2', '--arena', '20']; "
+    limited += "runpy.run_module('simvehicle.cli', run_name='__main__')"
+    done = subprocess.run(
+        [sys.executable, "-c", limited],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "XDG_CACHE_HOME": str(tmp_path)},
+        timeout=280,
+    )
+    assert done.returncode == 2, done.stderr
+    assert f"File too large; machine code is kept in {tmp_path}" in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 def test_another_experiments_directory_is_refused(tmp_path: pathlib.Path) -> None:
