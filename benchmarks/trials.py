@@ -11,15 +11,21 @@ import pathlib
 import statistics
 import sys
 import time
+from typing import Any
+
+import numpy as np
 
 from simvehicle.experiments.definitions import Options, define
 from simvehicle.experiments.run import usual_jobs
 from simvehicle.trials.batch import spread
 from simvehicle.trials.cell import STRATEGIES, Cell
+from simvehicle.trials.motion import TICKS_PER_S
 from simvehicle.trials.outcome import run_cell
 from simvehicle.trials.store import Run, blocks
 
 _AUTHORS_PER_S = 2.9
+_AUTHORS_TICKS = 16_600
+"""Median of the authors' trials of that kind."""
 _LEAST_PER_S = 90.0
 _FULL_LIMIT_S = 300.0
 _SHARE = 10
@@ -40,8 +46,8 @@ def _cpu_s(cell: Cell, trials: int, repeats: int = 3) -> tuple[float, float]:
     return statistics.median(costs), hours
 
 
-def _reference_s(cell: Cell, trials: int = 3) -> tuple[float, float]:
-    """(processor seconds a trial, drone-hours a trial) of the step-by-step engine, which stays with the tests."""
+def _reference() -> Any:
+    """The step-by-step engine, which stays with the tests."""
     path = pathlib.Path(__file__).parents[1] / "tests" / "unit" / "simvehicle" / "trials_reference.py"
     spec = importlib.util.spec_from_file_location("trials_reference", path)
     if spec is None or spec.loader is None:
@@ -49,13 +55,34 @@ def _reference_s(cell: Cell, trials: int = 3) -> tuple[float, float]:
     reference = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = reference
     spec.loader.exec_module(reference)
+    return reference
+
+
+def _reference_s(reference: Any, cell: Cell, trials: int = 3) -> tuple[float, float]:
+    """(processor seconds a trial, drone-hours a trial) of the step-by-step engine."""
     began = time.process_time()
     ticks = [reference.Trial(cell, reference.SharedLuck(cell, 1, k)).run().tick for k in range(trials)]
-    hours = sum(ticks) / trials / 16.0 / 3600.0 * cell.drones
+    hours = sum(ticks) / trials / TICKS_PER_S / 3600.0 * cell.drones
     return (time.process_time() - began) / trials, hours
 
 
-def _strategies() -> float:
+def _yardstick(reference: Any) -> None:
+    """Print how long the trials are where the authors' program had its plumes, and anywhere."""
+    theirs = [
+        float(run_cell(Cell(source=place), seed, trial, 1)["source_s"].iloc[0]) * TICKS_PER_S
+        for seed in range(1, 5)
+        for trial, place in enumerate(reference.authors_places(100))
+    ]
+    anywhere = run_cell(Cell(), 1, 0, 3000)["source_s"] * TICKS_PER_S
+    error = 1.2533 * anywhere.std() / 10.0
+    print(
+        f"   median of locus: {np.median(theirs):.0f} ticks at the plume places of the authors' seeds 0 to 99 "
+        f"(their program: {_AUTHORS_TICKS}),\n"
+        f"   {anywhere.median():.0f} over 3000 places, of which any hundred give +-{error:.0f} (one deviation)"
+    )
+
+
+def _strategies(reference: Any) -> float:
     """Print the cost of each strategy; the trials a second of LoCUS."""
     print("20 drones, smooth plume, arena 100 m, no failures, motion pd, one core:")
     print(f"   {'strategy':14} {'trials/s':>9} {'ms/trial':>9} {'us/drone-hour':>14}")
@@ -65,7 +92,7 @@ def _strategies() -> float:
         if strategy == "locus":
             locus_per_s = 1.0 / cost_s
         print(f"   {strategy:14} {1 / cost_s:9.0f} {1e3 * cost_s:9.2f} {1e6 * cost_s / hours:14.0f}")
-    slow_s, hours = _reference_s(Cell())
+    slow_s, hours = _reference_s(reference, Cell())
     print(
         f"   {'step by step':14} {1 / slow_s:9.2f} {1e3 * slow_s:9.0f} {1e6 * slow_s / hours:14.0f}  (locus)"
     )
@@ -97,10 +124,10 @@ def _growth() -> None:
     sizes = (2, 5, 10, 20, 50, 100, 200)
     arenas = (100.0, 178.0, 282.0, 398.0, 600.0, 1000.0)
     figure = Figure(figsize=(9.6, 4.0), layout="constrained")
-    left, right = figure.subplots(1, 2)
+    left, right = figure.subplots(1, 2, sharey=True)
     for strategy, mark in (("locus", "o-"), ("mobs", "s--")):
-        by_size = [_cpu_s(Cell(strategy=strategy, drones=size), 20, 1)[0] for size in sizes]
-        by_arena = [_cpu_s(Cell(strategy=strategy, arena_m=arena), 10, 1)[0] for arena in arenas]
+        by_size = [_cpu_s(Cell(strategy=strategy, drones=size), 40, 1)[0] for size in sizes]
+        by_arena = [_cpu_s(Cell(strategy=strategy, arena_m=arena), 40, 1)[0] for arena in arenas]
         left.loglog(sizes, [1e3 * cost for cost in by_size], mark, label=strategy)
         right.loglog(arenas, [1e3 * cost for cost in by_arena], mark, label=strategy)
         for what, values, costs in (("drones", sizes, by_size), ("arena, m", arenas, by_arena)):
@@ -109,10 +136,14 @@ def _growth() -> None:
             )
             print(f"   {strategy}, ms a trial by {what}: {pairs}")
     left.set_xlabel("drones (arena 100 m)")
+    left.set_xticks(sizes, [f"{size}" for size in sizes])
     right.set_xlabel("arena radius, m (20 drones)")
+    right.set_xticks(arenas, [f"{arena:g}" for arena in arenas])
+    left.set_yticks((1, 2, 5, 10, 20, 50), ("1", "2", "5", "10", "20", "50"))
     left.set_ylabel("processor time a trial, ms")
     for axes in (left, right):
-        axes.grid(alpha=0.3, which="both")
+        axes.minorticks_off()
+        axes.grid(alpha=0.3)
         axes.legend(frameon=False)
     _GROWTH.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(_GROWTH, dpi=110)
@@ -120,7 +151,9 @@ def _growth() -> None:
 
 
 def main() -> None:
-    locus_per_s = _strategies()
+    reference = _reference()
+    locus_per_s = _strategies(reference)
+    _yardstick(reference)
     print(
         f"   the authors' program: {_AUTHORS_PER_S} a second; this one {locus_per_s / _AUTHORS_PER_S:.0f} times"
     )

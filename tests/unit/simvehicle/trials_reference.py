@@ -27,6 +27,31 @@ STEP, P, D, CLAMP = 0.00625, 20.0, 10.0, 1000.0
 INSIDE_M = 0.1
 
 
+def authors_places(count: int) -> list[tuple[float, float]]:
+    """Origin of the plume in the authors' trials with seeds 0, 1, ... at an arena radius of 100 m.
+
+    Their program draws it in decimetres from the C library's rand(): GNU's additive feedback generator, which is the
+    same on every machine.
+    """
+    found = []
+    for seed in range(count):
+        state = [seed or 1]
+        for _ in range(30):
+            state.append(16807 * state[-1] % (2**31 - 1))
+        state += state[:3]
+        for _ in range(310):
+            state.append((state[-31] + state[-3]) % 2**32)
+        while True:
+            drawn = []
+            for _ in range(2):
+                state.append((state[-31] + state[-3]) % 2**32)
+                drawn.append(1000 - (state[-1] >> 1) % 2000)
+            if math.hypot(*drawn) <= 1000.0:
+                break
+        found.append((drawn[0] / 10.0, drawn[1] / 10.0))
+    return found
+
+
 class TrialOver(Exception):  # noqa: N818 (not an error)
     """The trial has ended."""
 
