@@ -12,6 +12,7 @@ from matplotlib.patches import Patch
 
 _COLOURS = {"locus": "#6a3d9a", "mobs": "#e66100", "locus-hybrid": "#1b7837", "locus-multi": "#2166ac"}
 _NAMES = {"locus": "LoCUS", "mobs": "MoBS", "locus-hybrid": "hybrid", "locus-multi": "sub-swarms"}
+_HATCHED = ("perturbed", "gusty")
 _STYLE: Any = {"axes.spines.top": False, "axes.spines.right": False, "font.size": 10}
 
 
@@ -24,7 +25,7 @@ def bars(summaries: list[dict[str, Any]], title: str) -> Figure:
         sizes = sorted({one["drones"] for one in summaries})
         kinds = list(dict.fromkeys((one["strategy"], one["plume"]) for one in summaries))
         figure = Figure(
-            figsize=(max(7.0, 0.34 * len(sizes) * (len(kinds) + 1) + 2.0), 4.6), layout="constrained"
+            figsize=(max(9.2, 0.34 * len(sizes) * (len(kinds) + 1) + 4.2), 4.6), layout="constrained"
         )
         axes = figure.add_subplot()
         width = 0.8 / len(kinds)
@@ -35,7 +36,7 @@ def bars(summaries: list[dict[str, Any]], title: str) -> Figure:
                 continue
             contact, source = (one["contact_s_mean"] or 0.0) / 60.0, one["source_s_mean"] / 60.0
             colour = _COLOURS[one["strategy"]]
-            hatch = "//" if one["plume"] in ("perturbed", "gusty") else None
+            hatch = "//" if one["plume"] in _HATCHED else None
             bar: dict[str, Any] = {
                 "width": 0.92 * width,
                 "edgecolor": "white",
@@ -69,7 +70,14 @@ def bars(summaries: list[dict[str, Any]], title: str) -> Figure:
             linestyle="",
             label="median to max flux",
         )
-        axes.legend(handles=[*handles, star], frameon=False, fontsize=9)
+        plumes = list(dict.fromkeys(plume for _, plume in kinds))
+        if len(plumes) > 1:
+            for plume in plumes:
+                hatch = "//" if plume in _HATCHED else None
+                handles.append(
+                    Patch(facecolor="grey", edgecolor="white", hatch=hatch, label=f"{plume} plume")
+                )
+        figure.legend(handles=[*handles, star], frameon=False, fontsize=9, loc="outside right upper")
         return figure
 
 

@@ -82,7 +82,7 @@ def write_report(report: Report, command: str, rows_as: str = "parquet") -> path
     name = report.experiment.name
     draw = figures.rates if report.experiment.by_rate else figures.bars
     title = (
-        f"{_TITLES[name]} ({report.experiment.trials} trials a cell, motion {report.summaries[0]['motion']})"
+        f"{_TITLES[name]}\n{report.experiment.trials} trials a cell, motion {report.summaries[0]['motion']}"
     )
     page = report.directory / f"{name}.md"
     try:
