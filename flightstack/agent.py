@@ -376,10 +376,11 @@ class Agent:
         self, phase: PhaseStep, intent: Intent, vehicle: VehicleReport, neighbours: tuple[Neighbour, ...]
     ) -> Guarded | None:
         """Give the autopilot its setpoint of this tick, if steering is ours."""
-        position, velocity = vehicle.position_ned_m, vehicle.velocity_ned_mps
-        if not phase.steering or position is None or velocity is None or vehicle.position_age_s is None:
+        if not phase.steering:
             return None
-        guarded = self._guard.apply(intent, position, velocity, vehicle.position_age_s, neighbours)
+        guarded = self._guard.apply(
+            intent, vehicle.position_ned_m, vehicle.velocity_ned_mps, vehicle.position_age_s, neighbours
+        )
         if isinstance(guarded.setpoint, PositionTarget):
             self.session.target_position(guarded.setpoint.position_ned_m, None)
         else:

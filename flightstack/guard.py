@@ -74,15 +74,19 @@ class Guard:
     def apply(
         self,
         intent: Intent,
-        position_ned_m: Vector3,
-        velocity_ned_mps: Vector3,
-        position_age_s: float,
+        position_ned_m: Vector3 | None,
+        velocity_ned_mps: Vector3 | None,
+        position_age_s: float | None,
         neighbours: Sequence[Neighbour],
     ) -> Guarded:
+        """The setpoint of this tick: always one, and a stop where it is not known what would be safe."""
         limits = self._limits
+        if position_ned_m is None or velocity_ned_mps is None or position_age_s is None:
+            return self._stop("own position is not known")
         if position_age_s > limits.position_stale_s:
-            self._held_ned_m = None
-            return Guarded(VelocityTarget((0.0, 0.0, 0.0)), (f"own position is {position_age_s:.1f} s old",))
+            return self._stop(f"own position is {position_age_s:.1f} s old")
+        if not _all_finite(intent, (*position_ned_m, *velocity_ned_mps, position_age_s), neighbours):
+            return self._stop("a position, velocity or target is not a number")
         held_by: list[str] = []
         target: Vector3 | None = None
         match intent:
@@ -111,6 +115,10 @@ class Guard:
         if near and target is not None and velocity == wanted_velocity:
             return Guarded(PositionTarget(target), tuple(held_by))
         return Guarded(VelocityTarget(velocity), tuple(held_by))
+
+    def _stop(self, why: str) -> Guarded:
+        self._held_ned_m = None
+        return Guarded(VelocityTarget((0.0, 0.0, 0.0)), (why,))
 
     def _allowed(self, target: Vector3, held_by: list[str]) -> Vector3:
         """The target itself, or the nearest point that the altitude band and the fence allow."""
@@ -234,6 +242,19 @@ class Guard:
         scale = min(1.0, speed_mps / horizontal_mps) if horizontal_mps > 0.0 else 1.0
         down_mps = max(min(velocity[2], limits.descent_mps), -limits.climb_mps)
         return velocity[0] * scale, velocity[1] * scale, down_mps
+
+
+def _all_finite(intent: Intent, own: Sequence[float], neighbours: Sequence[Neighbour]) -> bool:
+    """Their sources check them too, but here nothing may go wrong: a setpoint that is none ends the agent."""
+    numbers = list(own)
+    match intent:
+        case GoTo(position_ned_m=wanted, speed_mps=speed_mps):
+            numbers += wanted if speed_mps is None else (*wanted, speed_mps)
+        case Velocity(velocity_ned_mps=wanted):
+            numbers += wanted
+    for other in neighbours:
+        numbers += (*other.position_ned_m, *other.velocity_ned_mps, other.age_s)
+    return math.isfinite(sum(numbers))
 
 
 def _stopping_point(position: Vector3, velocity: Vector3, acceleration_mps2: float) -> Vector3:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 
 import msgspec
 import pytest
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 from flightstack.config import LimitsConfig
 from flightstack.guard import Guard, PositionTarget, VelocityTarget
 from mission.frames import Geodetic, LocalFrame, Vector3
-from mission.geofence import Geofence, LocalFence
+from mission.geofence import Circle, Geofence, LocalFence, Vertex
 from mission.observation import GoTo, Hold, Intent, Neighbour, Velocity
 
 LIMITS = LimitsConfig()
@@ -100,6 +101,89 @@ def test_a_stale_position_means_stop() -> None:
     guarded = guard.apply(GoTo((30.0, 0.0, -10.0)), (0.0, 0.0, -10.0), STILL, 1.5, ())
     assert guarded.setpoint == VelocityTarget((0.0, 0.0, 0.0))
     assert "1.5 s old" in guarded.held_by[0]
+
+
+NAN, INF = math.nan, math.inf
+HERE: Vector3 = (0.0, 0.0, -10.0)
+THERE = GoTo((10.0, 2.0, -10.0))
+
+
+@pytest.mark.parametrize("area", [None, SQUARE])
+@pytest.mark.parametrize(
+    ("intent", "position", "velocity", "age_s", "others"),
+    [
+        (THERE, None, STILL, 0.1, ()),
+        (THERE, HERE, None, 0.1, ()),
+        (THERE, HERE, STILL, None, ()),
+        (THERE, (NAN, 0.0, -10.0), STILL, 0.1, ()),
+        (Hold(), HERE, (NAN, 0.0, 0.0), 0.1, ()),
+        (THERE, HERE, STILL, NAN, ()),
+        (GoTo((0.0, INF, -10.0)), HERE, STILL, 0.1, ()),
+        (GoTo((10.0, 2.0, -10.0), NAN), HERE, STILL, 0.1, ()),
+        (Velocity((NAN, 0.0, 0.0)), HERE, STILL, 0.1, ()),
+        (THERE, HERE, STILL, 0.1, (neighbour((NAN, 0.0, 0.0)),)),
+        (THERE, HERE, STILL, 0.1, (neighbour((5.0, 0.0, -10.0), (INF, 0.0, 0.0)),)),
+        (THERE, HERE, STILL, 0.1, (neighbour((5.0, 0.0, -10.0), STILL, NAN),)),
+    ],
+)
+def test_what_is_not_known_or_no_number_means_stop(
+    intent: Intent,
+    position: Vector3 | None,
+    velocity: Vector3 | None,
+    age_s: float | None,
+    others: tuple[Neighbour, ...],
+    area: LocalFence | None,
+) -> None:
+    guarded = Guard(LIMITS, area).apply(intent, position, velocity, age_s, others)
+    assert guarded.setpoint == VelocityTarget(STILL)
+    assert len(guarded.held_by) == 1
+
+
+def star(
+    corners: int, chance: random.Random, nearest_m: float, farthest_m: float
+) -> list[tuple[float, float]]:
+    """A simple polygon about the origin, mostly concave, of either winding."""
+    angles_rad = sorted(chance.uniform(0.0, 2.0 * math.pi) for _ in range(corners))
+    reach_m = [chance.uniform(nearest_m, farthest_m) for _ in range(corners)]
+    points = [(r * math.cos(a), r * math.sin(a)) for a, r in zip(angles_rad, reach_m, strict=True)]
+    return points[:: chance.choice((1, -1))]
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_no_fence_of_any_shape_is_crossed(seed: int) -> None:
+    """Concave inclusion polygons with holes: exclusion polygons and circles, wherever they happen to lie."""
+    chance = random.Random(seed)
+
+    def corners(points: list[tuple[float, float]], north_m: float, east_m: float) -> tuple[Vertex, ...]:
+        places = [FRAME.to_geodetic((n + north_m, e + east_m, 0.0)) for n, e in points]
+        return tuple((place.latitude_deg, place.longitude_deg) for place in places)
+
+    def anywhere() -> tuple[float, float]:
+        return chance.uniform(-50.0, 50.0), chance.uniform(-50.0, 50.0)
+
+    round_ones = [FRAME.to_geodetic((*anywhere(), 0.0)) for _ in range(chance.randint(0, 2))]
+    geofence = Geofence(
+        inclusion=(corners(star(chance.randint(4, 14), chance, 15.0, 90.0), 0.0, 0.0),),
+        exclusion=tuple(
+            corners(star(chance.randint(3, 7), chance, 3.0, 15.0), *anywhere())
+            for _ in range(chance.randint(0, 3))
+        ),
+        exclusion_circles=tuple(
+            Circle(place.latitude_deg, place.longitude_deg, chance.uniform(3.0, 15.0)) for place in round_ones
+        ),
+    )
+    assume(not geofence.problems())
+    area = LocalFence(FRAME, geofence)
+    start = area.nearest_allowed(*anywhere(), LIMITS.fence_margin_m)
+    assume(area.clearance_m(*start) > LIMITS.fence_margin_m - 0.01)
+    drone = Drone((*start, -10.0), area=area)
+    for leg in range(8):
+        place = (chance.uniform(-150.0, 150.0), chance.uniform(-150.0, 150.0), chance.uniform(-80.0, 5.0))
+        wish: Intent = GoTo(place) if leg % 2 else Velocity((place[0] / 15.0, place[1] / 15.0, 0.0))
+        for _ in range(30):
+            drone.step(wish)
+            assert area.contains(drone.position[0], drone.position[1])
 
 
 @settings(max_examples=150, deadline=None)
