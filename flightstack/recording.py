@@ -8,7 +8,9 @@ big-endian microseconds since 1970, then the frame, as Mission Planner, QGroundC
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import logging
+import os
 import pathlib
 import struct
 import time
@@ -24,7 +26,7 @@ from mcap.writer import CompressionType, Writer
 from flightstack import named_json
 from flightstack.background_file import BackgroundFile, RecordingError
 
-__all__ = ["FlightRecorder", "Record", "RecordingError", "TlogWriter", "read_recording", "restore"]
+__all__ = ["FlightRecorder", "Record", "RecordingError", "TlogWriter", "read_recording", "restore", "unused"]
 
 log = logging.getLogger(__name__)
 
@@ -34,6 +36,12 @@ _TIME_FIELD: Final = "_time_s"
 _RECORD_AT_MOST_BYTES: Final = 64 << 20
 _READ_ERRORS: Final = (McapError, struct.error, msgspec.MsgspecError, ValueError, EOFError, OverflowError)
 """What mcap's reader raises on a record that is cut short or overwritten."""
+
+
+def unused(path: pathlib.Path) -> pathlib.Path:
+    """`path`, or the first of name-2, name-3, … that is not there yet: an old file never stops a new flight."""
+    names = itertools.chain((path,), (path.with_stem(f"{path.stem}-{n}") for n in itertools.count(2)))
+    return next(name for name in names if not os.path.lexists(name))
 
 
 class FlightRecorder:

@@ -25,7 +25,7 @@ from flightstack.belief import RECEIVED_BY_DRONES
 from flightstack.clock import Clock, make_clock
 from flightstack.config import DroneConfig
 from flightstack.link import ByteLink, LinkError, open_link
-from flightstack.recording import FlightRecorder, RecordingError
+from flightstack.recording import FlightRecorder, RecordingError, unused
 from flightstack.sensing import PortInput
 from flightstack.transport import Transport, TransportError
 from flightstack.transport.endpoints import faulty_field
@@ -171,7 +171,7 @@ def _open_recorder(config: DroneConfig, incarnation: int, file: str) -> FlightRe
     directory = pathlib.Path(config.record_to)
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        return FlightRecorder(directory / f"drone-{config.drone}-{incarnation:08x}.mcap")
+        return FlightRecorder(unused(directory / f"drone-{config.drone}-{incarnation:08x}.mcap"))
     except OSError as error:
         problem = f"{directory} cannot be made: {error.strerror}; name another directory"
         raise fault_of(file, "record_to", problem) from error

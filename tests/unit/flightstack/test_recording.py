@@ -23,7 +23,15 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack import named_json
 from flightstack.background_file import BackgroundFile
-from flightstack.recording import FlightRecorder, Record, RecordingError, TlogWriter, read_recording, restore
+from flightstack.recording import (
+    FlightRecorder,
+    Record,
+    RecordingError,
+    TlogWriter,
+    read_recording,
+    restore,
+    unused,
+)
 from flightstack.wire import DroneState, Phase, TreeState
 from mission.observation import Order, Reading, Scalar, Stage, Wind
 
@@ -334,3 +342,14 @@ def test_a_log_cut_short_is_read_up_to_there(tmp_path):
     content = path.read_bytes()
     path.write_bytes(content[: -random.Random(1).randint(1, 15)])
     assert [n for _, n in _read_tlog(path)] == list(range(9))
+
+
+def test_a_name_that_is_taken_never_stops_a_recording(tmp_path: pathlib.Path) -> None:
+    first = tmp_path / "drone-3-0000002a.mcap"
+    assert unused(first) == first
+    first.touch()
+    (tmp_path / "drone-3-0000002a-2.mcap").symlink_to(tmp_path / "gone")  # not there, and yet taken
+    path = unused(first)
+    assert path.name == "drone-3-0000002a-3.mcap"
+    FlightRecorder(path).close()
+    assert first.stat().st_size == 0
