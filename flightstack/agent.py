@@ -451,6 +451,7 @@ class Agent:
             waiting + vehicle.notes + sensed.notes + held,
             self._ticks + inputs.late_ticks,  # ticks that were due, whether they were held or missed
             inputs.late_ticks,
+            vehicle.position_age_s or 0.0,
         )
 
     def _due(self, now_s: float, topic: Topic) -> bool:

@@ -90,18 +90,22 @@ class Belief:
         """Everybody worth keeping clear of or listening to, by ascending id."""
         found: dict[int, Neighbour] = {}
         for drone, peer in self.peers.items():
-            state, age_s = peer.state, now_s - peer.heard_s
-            if state.position_ned_m is None or state.velocity_ned_mps is None or age_s > OBSTACLE_MEMORY_S:
+            state, silence_s = peer.state, now_s - peer.heard_s
+            if (
+                state.position_ned_m is None
+                or state.velocity_ned_mps is None
+                or silence_s > OBSTACLE_MEMORY_S
+            ):
                 continue
             found[drone] = Neighbour(
                 drone,
                 state.position_ned_m,
                 state.velocity_ned_mps,
-                age_s,
+                silence_s + state.position_age_s,
                 state.airborne,
-                _aged(state.excess_co2_ppm, age_s) if is_estimate(state.excess_co2_ppm) else None,
+                _aged(state.excess_co2_ppm, silence_s) if is_estimate(state.excess_co2_ppm) else None,
                 state.wind if is_wind(state.wind) else None,
-                age_s > ADRIFT_S,
+                silence_s > ADRIFT_S,
             )
         for drone, (vehicle, at_s) in self._traffic.items():
             age_s = now_s - at_s

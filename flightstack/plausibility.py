@@ -81,6 +81,8 @@ def _state(state: DroneState) -> str:
         return "its position is none"
     if state.velocity_ned_mps is not None and not _is_velocity(state.velocity_ned_mps):
         return "its velocity is none"
+    if not 0.0 <= state.position_age_s < math.inf:
+        return "the age of its position is none"
     return ""
 
 

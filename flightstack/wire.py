@@ -72,6 +72,8 @@ class DroneState(msgspec.Struct, frozen=True, array_like=True):
     """Why something is not as it should be: "co2: zeroing 12 of 25", "guard: held back by drone 4"."""
     ticks: int = 0
     late_ticks: int = 0
+    position_age_s: float = 0.0
+    """Age of position and velocity when this was sent: a vehicle without GPS drifts away from what it says."""
 
 
 class TreeState(msgspec.Struct, frozen=True, array_like=True):

@@ -54,6 +54,17 @@ def test_a_peer_is_a_neighbour_with_an_age(belief: Belief) -> None:
     assert belief.silence_s(12.0, 3) == float("inf")
 
 
+def test_a_peer_that_has_lost_its_position_is_where_it_was_then(belief: Belief) -> None:
+    """It speaks five times a second and says the same place: a vehicle without GPS drifts with the wind."""
+    for tick in range(20):
+        state = msgspec.structs.replace(STATE, sequence=tick + 1, position_age_s=0.1 + 0.2 * tick)
+        belief.update(10.0 + 0.2 * tick, [said(state)])
+    (neighbour,) = belief.neighbours(14.0)
+    assert neighbour.age_s == pytest.approx(4.1)
+    assert not neighbour.adrift
+    assert belief.silence_s(14.0, 2) == pytest.approx(0.2)
+
+
 def test_an_older_message_does_not_replace_a_newer_one(belief: Belief) -> None:
     belief.update(10.0, [said(msgspec.structs.replace(STATE, sequence=5, battery_fraction=0.5))])
     belief.update(11.0, [said(msgspec.structs.replace(STATE, sequence=4, battery_fraction=0.6))])

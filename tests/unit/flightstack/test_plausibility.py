@@ -80,6 +80,8 @@ def test_a_drone_without_a_sensor_reports_a_reading_of_infinite_variance() -> No
         replace(STATE, position_ned_m=(0.0, 1e300, 0.0)),
         replace(STATE, velocity_ned_mps=(0.0, 0.0, INF)),
         replace(STATE, home_ned_m=(0.0, NAN, 0.0)),
+        replace(STATE, position_age_s=NAN),
+        replace(STATE, position_age_s=-1.0),
         replace(TREE, epoch=2**64 - 1),
         replace(TREE, epoch=-1),
         replace(TREE, heals=2**63),
@@ -216,6 +218,7 @@ def test_no_well_formed_message_ends_an_agent(
         frame=frame,
         position_ned_m=position,
         velocity_ned_mps=velocity,
+        position_age_s=abs(mean),
         excess_co2_ppm=Scalar(mean, mean, mean),
         wind=Wind(velocity, mean, mean),
     )

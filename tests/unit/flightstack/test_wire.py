@@ -52,6 +52,7 @@ states = st.builds(
     healing=st.booleans(),
     tracking_best_ppm=st.none() | number,
     notes=st.lists(st.text(max_size=30), max_size=3).map(tuple),
+    position_age_s=number,
 )
 trees = st.builds(
     TreeState,
@@ -67,6 +68,7 @@ trees = st.builds(
     readings=st.lists(st.builds(Reading, ids, ids, vectors, number, number), max_size=3).map(tuple),
     heals=st.integers(0, 99),
     survey=st.text(max_size=10),
+    lineage=st.lists(st.tuples(ids, ids), max_size=3).map(tuple),
 )
 commands = st.builds(Command, st.text(max_size=20), st.text(max_size=9), ids, st.sampled_from(CommandName))
 outcomes = st.builds(Outcome, st.text(max_size=20), ids, st.sampled_from(Result), st.text(max_size=40))
