@@ -11,6 +11,7 @@ import dataclasses
 from collections.abc import Iterable, Sequence
 
 from flightstack import topics
+from flightstack.guidance import FRESH_S
 from flightstack.plausibility import is_estimate, is_vehicle, is_wind, refusal
 from flightstack.transport import Received
 from flightstack.wire import Command, DroneState, GroundBeat, Traffic, TrafficVehicle, TreeState, WireError
@@ -19,6 +20,9 @@ from mission.observation import Neighbour, Scalar
 
 ADRIFT_S = 5.0
 """A peer whose agent has been silent for so long does not make way any more."""
+
+TOGETHER_S = 2.0
+"""Nodes whose last words came within this time fell silent together."""
 
 OBSTACLE_MEMORY_S = 3600.0
 """How long a silent flying peer is kept in mind as an obstacle: longer than a battery lasts."""
@@ -81,6 +85,17 @@ class Belief:
                     self.ground_heard_s = now_s
         return Inbox(tuple(commands), tuple(trees), tuple(problems))
 
+    def cut_off_s(self, now_s: float) -> float:
+        """For how long nobody at all has been heard, 0 where that was a single node: then it has failed, not we.
+
+        Several nodes that fall silent together, drones and ground station, are a failed radio of our own.
+        """
+        heard_s = [peer.heard_s for peer in self.peers.values()]
+        heard_s += [self.ground_heard_s] if self.ground_heard_s is not None else []
+        last_s = max(heard_s, default=now_s)
+        together = sum(at_s > last_s - TOGETHER_S for at_s in heard_s)
+        return now_s - last_s if together > 1 else 0.0
+
     def silence_s(self, now_s: float, drone: int) -> float:
         """Seconds since `drone` was last heard directly; infinite if never."""
         peer = self.peers.get(drone)
@@ -110,7 +125,8 @@ class Belief:
         for drone, (vehicle, at_s) in self._traffic.items():
             age_s = now_s - at_s
             known = found.get(drone)
-            if age_s <= OBSTACLE_MEMORY_S and (known is None or age_s < known.age_s):
+            # What a drone says itself is better than what is heard of it, while it is young.
+            if age_s <= OBSTACLE_MEMORY_S and (known is None or known.age_s > max(age_s, FRESH_S)):
                 found[drone] = Neighbour(
                     drone,
                     vehicle.position_ned_m,

@@ -165,6 +165,20 @@ def test_a_radio_that_loses_a_third_of_everything(tmp_path: pathlib.Path) -> Non
     assert_found(scenario(tmp_path, seed=3, radio=radio))
 
 
+def test_a_drone_whose_radio_fails_goes_home_and_does_not_search_on_its_own(tmp_path: pathlib.Path) -> None:
+    """Nobody hears it and it hears nobody: searching on it would meet the others at the same points of the spiral."""
+    flight = scenario(tmp_path, seed=2)
+    flight.run(40.0)
+    flight.radio.switch_off(3)
+    flight.run(6.0)
+    deaf = flight.members[3].agent
+    assert deaf.phase.phase is Phase.RETURNING
+    assert flight.run_until(lambda: deaf.phase.phase is Phase.LANDED, 120.0)
+    assert 3 not in dict(flight.trees[1].slots)
+    assert flight.phases() <= {Phase.SEARCHING, Phase.TRACKING, Phase.LANDED}
+    assert flight.min_separation_m > 4.0
+
+
 def test_an_unplugged_co2_instrument_leaves_the_others_tracking(tmp_path: pathlib.Path) -> None:
     flight = scenario(tmp_path, seed=4)
     flight.run(40.0)

@@ -65,6 +65,37 @@ def test_a_peer_that_has_lost_its_position_is_where_it_was_then(belief: Belief) 
     assert belief.silence_s(14.0, 2) == pytest.approx(0.2)
 
 
+def beat(sequence: int) -> Received:
+    return Received(topics.GROUND, "ground", topics.GROUND.codec.encode(GroundBeat("ground", sequence)))
+
+
+def test_all_who_fall_silent_together_are_a_radio_of_our_own_that_failed(belief: Belief) -> None:
+    assert belief.cut_off_s(5.0) == 0.0
+    belief.update(10.0, [said(STATE), said(msgspec.structs.replace(STATE, sender=3))])
+    assert belief.cut_off_s(14.0) == pytest.approx(4.0)
+    belief.update(20.0, [said(msgspec.structs.replace(STATE, sequence=2))])
+    assert belief.cut_off_s(24.0) == 0.0  # the last of the others has died
+    belief.update(30.0, [said(msgspec.structs.replace(STATE, sequence=3)), beat(1)])
+    assert belief.cut_off_s(34.0) == pytest.approx(4.0)
+    belief.update(35.0, [beat(2)])
+    assert belief.cut_off_s(36.5) == 0.0  # our radio works: the drone has died
+
+
+def test_what_a_drone_says_itself_goes_before_what_is_heard_of_it(belief: Belief) -> None:
+    """A ground station may tell of vehicles whose agents we hear as well."""
+    heard = TrafficVehicle(2, (9.0, 9.0, -10.0), (0.0, 0.0, 0.0), 0.0)
+    traffic = Received(
+        topics.TRAFFIC, "ground", topics.TRAFFIC.codec.encode(Traffic("ground", FRAME.identity, (heard,)))
+    )
+    belief.update(10.0, [said(STATE)])
+    belief.update(10.5, [traffic])
+    (neighbour,) = belief.neighbours(10.5)
+    assert (neighbour.position_ned_m, neighbour.adrift) == (STATE.position_ned_m, False)
+    belief.update(11.5, [traffic])
+    (neighbour,) = belief.neighbours(11.5)
+    assert (neighbour.position_ned_m, neighbour.adrift) == (heard.position_ned_m, True)
+
+
 def test_an_older_message_does_not_replace_a_newer_one(belief: Belief) -> None:
     belief.update(10.0, [said(msgspec.structs.replace(STATE, sequence=5, battery_fraction=0.5))])
     belief.update(11.0, [said(msgspec.structs.replace(STATE, sequence=4, battery_fraction=0.6))])
