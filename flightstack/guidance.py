@@ -59,6 +59,25 @@ def whereabouts(other: Neighbour, seen_from_ned_m: Vector3) -> Vector3:
     return n, e, d
 
 
+_BESIDE_M = sorted(
+    ((2.0 * i, 2.0 * j) for i in range(-12, 13) for j in range(-12, 13)),
+    key=lambda beside: math.hypot(*beside),
+)
+"""A 2 m grid about home, the nearest place first."""
+
+
+def column_free(point_ned_m: Vector3, neighbours: Sequence[Neighbour], room_m: float) -> bool:
+    """Whether nobody who will not make way hovers within `room_m` of the column above a point."""
+    return all(
+        horizontal_m(
+            point_ned_m, whereabouts(other, (point_ned_m[0], point_ned_m[1], other.position_ned_m[2]))
+        )
+        >= room_m
+        for other in neighbours
+        if other.airborne and other.adrift
+    )
+
+
 def landing_point(
     home_ned_m: Vector3,
     neighbours: Sequence[Neighbour],
@@ -68,29 +87,21 @@ def landing_point(
     """Where to come down: home, or the nearest place that nobody blocks who will not make way.
 
     A drone whose agent died may hover over the launch line until its battery is empty. Then the nearest point of a
-    2 m grid around home is taken that keeps `room_m` from its column and `PARKED_M` from drones on the ground.
+    2 m grid around home is taken that keeps `room_m` from its column and `PARKED_M` from drones on the ground;
+    home again where there is none.
     """
-    blocked = [n for n in neighbours if n.airborne and n.adrift]
-    parked = [n.position_ned_m for n in neighbours if not n.airborne]
-
-    def free(point: Vector3) -> bool:
-        return all(
-            horizontal_m(point, whereabouts(other, (point[0], point[1], other.position_ned_m[2]))) >= room_m
-            for other in blocked
-        )
-
-    if free(home_ned_m):
+    if column_free(home_ned_m, neighbours, room_m):
         return home_ned_m
-    steps = range(-12, 13)
-    grid = ((home_ned_m[0] + 2.0 * i, home_ned_m[1] + 2.0 * j, home_ned_m[2]) for i in steps for j in steps)
-    places = (
-        point
-        for point in grid
-        if free(point)
-        and allowed(point[0], point[1])
-        and all(horizontal_m(point, other) >= PARKED_M for other in parked)
-    )
-    return min(places, key=lambda point: horizontal_m(point, home_ned_m), default=home_ned_m)
+    parked = [n.position_ned_m for n in neighbours if not n.airborne]
+    for north_m, east_m in _BESIDE_M:
+        point = (home_ned_m[0] + north_m, home_ned_m[1] + east_m, home_ned_m[2])
+        if (
+            all(horizontal_m(point, other) >= PARKED_M for other in parked)
+            and column_free(point, neighbours, room_m)
+            and allowed(point[0], point[1])
+        ):
+            return point
+    return home_ned_m
 
 
 def _by_layer(position: Vector3, target: Vector3, layer_down_m: float, *, reached: bool) -> Vector3:

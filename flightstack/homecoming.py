@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 from flightstack.autopilot import VehicleReport
 from flightstack.config import LimitsConfig
 from flightstack.guard import AGEING_LIMIT_M, SEPARATION_MARGIN_M
-from flightstack.guidance import CORRIDOR_M, horizontal_m, landing_point, over_the_top
+from flightstack.guidance import CORRIDOR_M, column_free, horizontal_m, landing_point, over_the_top
 from mission.frames import Vector3
 from mission.geofence import LocalFence
 from mission.observation import GoTo, Hold, Intent, Neighbour
@@ -15,6 +17,9 @@ LANDING_HEIGHT_M = 4.0
 
 STUCK_S = 60.0
 """How long a returning drone may come no nearer to its home before it lands where it is."""
+
+CHOOSE_EVERY_S = 2.0
+"""How often another landing place is looked for: with a crowd over home it takes the time of a tick."""
 
 BATTERY_SAG_S = 3.0
 """How long the battery must be low: a sag under load is not an empty battery."""
@@ -54,6 +59,7 @@ class Homecoming:
         self._layer_down_m = layer_down_m
         self._landing_ned_m: Vector3 | None = None
         """Where this drone comes down: home, unless somebody hovers there who will not make way."""
+        self._choose_after_s = -math.inf
         self._nearest: tuple[float, float] | None = None
         """(how far, since when) while returning."""
         self.over_home = False
@@ -64,7 +70,7 @@ class Homecoming:
     def step(
         self, now_s: float, vehicle: VehicleReport, neighbours: tuple[Neighbour, ...], *, returning: bool
     ) -> None:
-        self._choose_landing(vehicle.home_ned_m, neighbours, returning=returning)
+        self._choose_landing(now_s, vehicle.home_ned_m, neighbours, returning=returning)
         position, home = vehicle.position_ned_m, self._landing_ned_m
         self.over_home = (
             position is not None
@@ -92,18 +98,22 @@ class Homecoming:
         return GoTo(over_the_top(position_ned_m, over, self._layer_down_m))
 
     def _choose_landing(
-        self, home: Vector3 | None, neighbours: tuple[Neighbour, ...], *, returning: bool
+        self, now_s: float, home: Vector3 | None, neighbours: tuple[Neighbour, ...], *, returning: bool
     ) -> None:
         """Home, or a place beside it; chosen anew only when the one chosen before is blocked."""
         if home is None or not returning:
             self._landing_ned_m = home
             return
-        limits = self._limits
+        limits, fence = self._limits, self._fence
         room_m = limits.separation_m + SEPARATION_MARGIN_M + AGEING_LIMIT_M + CORRIDOR_M
+        chosen = self._landing_ned_m or home
+        if now_s < self._choose_after_s or column_free(chosen, neighbours, room_m):
+            self._landing_ned_m = chosen
+            return
 
         def allowed(north_m: float, east_m: float) -> bool:
-            return self._fence is None or self._fence.clearance_m(north_m, east_m) >= limits.fence_margin_m
+            place = (north_m, east_m)
+            return fence is None or fence.path_clear(place, place, limits.fence_margin_m)
 
-        chosen = self._landing_ned_m or home
-        still_good = landing_point(chosen, neighbours, room_m, allowed) == chosen
-        self._landing_ned_m = chosen if still_good else landing_point(home, neighbours, room_m, allowed)
+        self._choose_after_s = now_s + CHOOSE_EVERY_S
+        self._landing_ned_m = landing_point(home, neighbours, room_m, allowed)
