@@ -15,6 +15,7 @@ import numpy as np
 
 from flightstack import topics
 from flightstack.autopilot import AutopilotSession, VehicleReport
+from flightstack.autopilot_relay import AutopilotRelay, motion
 from flightstack.belief import Belief
 from flightstack.config import DroneConfig
 from flightstack.deciding import consult
@@ -25,9 +26,9 @@ from flightstack.launch_point import unfit
 from flightstack.phase import IN_FORMATION, Ask, FlightPhase, Note, PhaseStep, SwarmFacts, VehicleFacts
 from flightstack.sensing import PortInput, Sensed, Sensing
 from flightstack.swarm_tree import SwarmTree, TreeNews
-from flightstack.topics import Topic
+from flightstack.telling import Telling
 from flightstack.transport import Received
-from flightstack.wire import DroneState, Event, Phase, Severity
+from flightstack.wire import Event, Phase, Severity
 from mission.formation import make_layout, rotated
 from mission.frames import LocalFrame, Vector3
 from mission.geofence import LocalFence
@@ -45,8 +46,6 @@ from mission.observation import (
 )
 from mission.search import make
 from mission.search.arrival import Arrival
-from sensors.samples import InstrumentState, Sample
-from sensors.wind_filter import VehicleMotion
 
 AT_SLOT_M = 1.2
 
@@ -93,9 +92,10 @@ class Agent:
         self.frame = LocalFrame(config.origin)
         self.phase = FlightPhase(config.drone)
         self.session = AutopilotSession(config.drone, self.frame, config.autopilot)
-        self._incarnation = incarnation
+        self._telling = Telling(config.drone, incarnation, self.frame.identity, 1.0 / config.tick_hz)
         self._belief = Belief(config.drone, config.swarm.members, self.frame)
         self._sensing = Sensing(config.instruments, config.filters)
+        self._relay = AutopilotRelay(config.instruments)
         self._layout = make_layout(config.formation.layout, config.formation.spacing_m)
         self._tree = SwarmTree(
             config.drone,
@@ -122,9 +122,6 @@ class Agent:
         self._transfer_since_s: float | None = None
         self._best_ppm: float | None = None
         self._ticks = 0
-        self._sequence = 0
-        self._events = 0
-        self._sent_s: dict[str, float] = {}
 
     def step(self, now_s: float, inputs: Inputs) -> Outputs:
         """One tick. `now_s` is this drone's own time, seconds; it must not go back."""
@@ -139,9 +136,7 @@ class Agent:
         notes += [Note(Severity.WARNING, "peer", problem) for problem in inbox.problems]
         notes += [Note(_severity(text.severity), "statustext", text.text) for text in vehicle.new_texts]
         # filters
-        sensed = self._sensing.step(
-            now_s, inputs.ports, self._vehicle_samples(now_s, vehicle), _motion(vehicle)
-        )
+        sensed = self._sensing.step(now_s, inputs.ports, self._relay.samples(now_s, vehicle), motion(vehicle))
         # tree
         news = self._tree.step(now_s, inbox.trees, self._belief, self._decision, vehicle.position_ned_m)
         place = self._tree.place(
@@ -170,34 +165,7 @@ class Agent:
     def comes_second(self) -> bool:
         """Another agent that was running before this one says that it is this drone."""
         twin = self._belief.twin
-        return twin is not None and (twin.ticks, twin.incarnation) > (self._ticks, self._incarnation)
-
-    # -- belief and filters ------------------------------------------------------------------------------------
-
-    def _vehicle_samples(self, now_s: float, vehicle: VehicleReport) -> list[Sample]:
-        """What the autopilot says that an instrument could have said: its wind estimate, readings it relays."""
-        samples = []
-        if vehicle.wind_ned_mps is not None:
-            samples.append(
-                Sample(
-                    now_s,
-                    "autopilot wind",
-                    InstrumentState.MEASURING,
-                    wind_ned_mps=vehicle.wind_ned_mps,
-                    wind_sd_mps=vehicle.wind_sd_mps,
-                )
-            )
-        relayed = {
-            str(i.options.get("value", i.name)): i.name
-            for i in self.config.instruments
-            if i.port == "mavlink"
-        }
-        samples += [
-            Sample(now_s, relayed[name], InstrumentState.MEASURING, co2_ppm=value)
-            for name, value in vehicle.named_values
-            if name in relayed and math.isfinite(value) and value >= 0.0
-        ]
-        return samples
+        return twin is not None and (twin.ticks, twin.incarnation) > (self._ticks, self._telling.incarnation)
 
     # -- tree --------------------------------------------------------------------------------------------------
 
@@ -404,76 +372,26 @@ class Agent:
     ) -> Outputs:
         if phase.phase in IN_FORMATION and sensed.excess_co2_ppm is not None:
             self._best_ppm = max(self._best_ppm or 0.0, sensed.excess_co2_ppm.mean)
-        events = tuple(self._event(note) for note in notes)
+        telling = self._telling
+        events = telling.events(notes)
         peers = [(topics.EVENT.name, topics.EVENT.codec.encode(event)) for event in events]
         peers += [(topics.OUTCOME.name, topics.OUTCOME.codec.encode(outcome)) for outcome in phase.outcomes]
-        if self._due(now_s, topics.STATE):
-            held = tuple(f"guard: {text}" for text in guarded.held_by) if guarded else ()
-            state = self._state(inputs, phase, vehicle, sensed, place, held)
+        if telling.due(now_s, topics.STATE):
+            state = telling.state(
+                phase=phase.phase,
+                vehicle=vehicle,
+                sensed=sensed,
+                place=place,
+                moving=self._transfer_since_s is not None,
+                best_ppm=self._best_ppm,
+                held_by=guarded.held_by if guarded else (),
+                ticks=self._ticks + inputs.late_ticks,  # that were due, whether they were held or missed
+                late_ticks=inputs.late_ticks,
+            )
             peers.append((topics.STATE.name, topics.STATE.codec.encode(state)))
-        if self._tree.survey is not None and self._due(now_s, topics.TREE):
+        if self._tree.survey is not None and telling.due(now_s, topics.TREE):
             peers.append((topics.TREE.name, topics.TREE.codec.encode(self._tree.message())))
         return Outputs(self.session.step(now_s), sensed.to_ports, tuple(peers), events)
-
-    def _state(
-        self,
-        inputs: Inputs,
-        phase: PhaseStep,
-        vehicle: VehicleReport,
-        sensed: Sensed,
-        place: TreePlace,
-        held: tuple[str, ...],
-    ) -> DroneState:
-        self._sequence += 1
-        waiting = (
-            (f"autopilot: {vehicle.ready_reason}",) if vehicle.ready_reason and not vehicle.armed else ()
-        )
-        return DroneState(
-            self.config.drone,
-            self._incarnation,
-            self._sequence,
-            self.frame.identity,
-            phase.phase,
-            vehicle.position_ned_m,
-            vehicle.velocity_ned_mps,
-            vehicle.heading_rad,
-            vehicle.home_ned_m,
-            vehicle.armed,
-            vehicle.airborne,
-            vehicle.mode,
-            vehicle.battery_fraction,
-            sensed.co2_ppm,
-            sensed.excess_co2_ppm,
-            sensed.wind,
-            place.epoch,
-            place.slot if place.slot >= 0 else None,
-            place.parent,
-            self._transfer_since_s is not None,
-            self._best_ppm,
-            waiting + vehicle.notes + sensed.notes + held,
-            self._ticks + inputs.late_ticks,  # ticks that were due, whether they were held or missed
-            inputs.late_ticks,
-            vehicle.position_age_s or 0.0,
-        )
-
-    def _due(self, now_s: float, topic: Topic) -> bool:
-        """Whether `topic` is to be sent in this tick, by its rate in the table of topics."""
-        period_s = 1.0 / topic.rate_hz if topic.rate_hz else 0.0
-        last_s = self._sent_s.get(topic.name)
-        if last_s is not None and now_s - last_s < period_s - 0.5 / self.config.tick_hz:
-            return False
-        self._sent_s[topic.name] = now_s
-        return True
-
-    def _event(self, note: Note) -> Event:
-        self._events += 1
-        return Event(self.config.drone, self._events, note.severity, note.code, note.text)
-
-
-def _motion(vehicle: VehicleReport) -> VehicleMotion | None:
-    if vehicle.attitude_rad is None or vehicle.velocity_ned_mps is None:
-        return None
-    return VehicleMotion(vehicle.attitude_rad, vehicle.velocity_ned_mps, airborne=vehicle.airborne)
 
 
 def _severity(mavlink_severity: int) -> Severity:
