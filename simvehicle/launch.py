@@ -225,7 +225,7 @@ def free_ports(kind: socket.SocketKind, count: int) -> list[int]:
 
 _PORTS = range(20_000, 32_000)
 """Below the ports that Linux hands out by itself (net.ipv4.ip_local_port_range: from 32768)."""
-_reservations: dict[int, socket.socket] = {}
+_reservations: set[int] = set()
 
 
 def _reserved(port: int) -> bool:
@@ -240,7 +240,8 @@ def _reserved(port: int) -> bool:
     except OSError:
         name.close()
         return False
-    _reservations[port] = name
+    name.detach()  # it stays open until the process ends
+    _reservations.add(port)
     return True
 
 
