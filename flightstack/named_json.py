@@ -62,7 +62,8 @@ def _arrays(value: Any, kind: inspect.Type) -> Any:
             if field.encode_name in value
         }
         # A field that an older recording does not have ends the array: fields are only appended, with defaults.
-        return list(named.values()) if kind.array_like else named
+        tag = [] if kind.tag is None else [kind.tag]
+        return [*tag, *named.values()] if kind.array_like else named
     if isinstance(kind, inspect.VarTupleType | inspect.ListType) and isinstance(value, list):
         return [_arrays(item, kind.item_type) for item in value]
     if isinstance(kind, inspect.TupleType) and isinstance(value, list):

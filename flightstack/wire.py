@@ -1,8 +1,11 @@
 """The messages that drones and ground stations exchange, and their one codec.
 
-A message on the wire is one version byte and a msgpack array. Fields are only ever appended, with defaults:
-an older peer then ignores what it does not know, and a newer one fills in what is missing. A change that breaks
-this raises `VERSION`, and the receiver says so in `WireError` instead of guessing.
+A message on the wire is one version byte and a msgpack array: the message's kind, then its fields. Fields are only
+ever appended, with defaults: an older peer then ignores what it does not know, and a newer one fills in what is
+missing. A change that breaks this raises `VERSION`, and the receiver says so in `WireError` instead of guessing.
+
+The kind is in the message, although its key tells it too: on an overloaded machine zenoh was seen to deliver messages
+under the key of another topic after a connection had been made again, and a state must never pass for a command.
 """
 
 from __future__ import annotations
@@ -39,7 +42,7 @@ class Phase(enum.StrEnum):
     """A person or an autopilot failsafe has the vehicle; we send nothing until a command gives it back."""
 
 
-class DroneState(msgspec.Struct, frozen=True, array_like=True):
+class DroneState(msgspec.Struct, frozen=True, array_like=True, tag="state"):
     """What a drone tells everybody about itself, best effort, several times a second."""
 
     sender: int
@@ -76,7 +79,7 @@ class DroneState(msgspec.Struct, frozen=True, array_like=True):
     """Age of position and velocity when this was sent: a vehicle without GPS drifts away from what it says."""
 
 
-class TreeState(msgspec.Struct, frozen=True, array_like=True):
+class TreeState(msgspec.Struct, frozen=True, array_like=True, tag="tree"):
     """A drone's whole knowledge of the swarm tree. Merging is idempotent: loss and repetition do no harm."""
 
     sender: int
@@ -112,7 +115,7 @@ class CommandName(enum.StrEnum):
     """Land where it is, at once."""
 
 
-class Command(msgspec.Struct, frozen=True, array_like=True):
+class Command(msgspec.Struct, frozen=True, array_like=True, tag="command"):
     identity: str
     """Unique; the same identity again is the same command and is answered, not carried out, again."""
     sender: str
@@ -126,7 +129,7 @@ class Result(enum.StrEnum):
     REFUSED = "refused"
 
 
-class Outcome(msgspec.Struct, frozen=True, array_like=True):
+class Outcome(msgspec.Struct, frozen=True, array_like=True, tag="outcome"):
     command: str
     sender: int
     result: Result
@@ -139,7 +142,7 @@ class Severity(enum.StrEnum):
     CRITICAL = "critical"
 
 
-class Event(msgspec.Struct, frozen=True, array_like=True):
+class Event(msgspec.Struct, frozen=True, array_like=True, tag="event"):
     """Something that happened once and that a person should be able to read afterwards."""
 
     sender: int
@@ -159,7 +162,7 @@ class TrafficVehicle(msgspec.Struct, frozen=True, array_like=True):
     """False: it is on the ground, and no obstacle where it was last heard flying."""
 
 
-class Traffic(msgspec.Struct, frozen=True, array_like=True):
+class Traffic(msgspec.Struct, frozen=True, array_like=True, tag="traffic"):
     """Vehicles that the ground station still hears over MAVLink although their agents are silent."""
 
     sender: str
@@ -167,7 +170,7 @@ class Traffic(msgspec.Struct, frozen=True, array_like=True):
     vehicles: tuple[TrafficVehicle, ...]
 
 
-class GroundBeat(msgspec.Struct, frozen=True, array_like=True):
+class GroundBeat(msgspec.Struct, frozen=True, array_like=True, tag="ground"):
     sender: str
     sequence: int
 
@@ -196,7 +199,7 @@ class HeardVehicle(msgspec.Struct, frozen=True, array_like=True):
     """Since its last heartbeat."""
 
 
-class GroundReport(msgspec.Struct, frozen=True, array_like=True):
+class GroundReport(msgspec.Struct, frozen=True, array_like=True, tag="report"):
     """What the running ground station knows beyond the drones' own messages, for displays alone."""
 
     sender: str
