@@ -49,9 +49,9 @@ from mission.search.arrival import Arrival
 
 AT_SLOT_M = 1.2
 
-FORMING_BLOCKED_S = 20.0
-"""A drone that has stood still for so long on its way to its slot forms up no further: a vehicle whose agent died
-may hover in the slot, and the swarm would wait until its battery is empty."""
+APPROACH_BLOCKED_S = 20.0
+"""A drone that has stood still for so long on its way to its slot comes no nearer: a vehicle whose agent died may
+hover in the slot, and the swarm would wait until its battery is empty."""
 
 TRANSFER_LIMIT_S = 60.0
 """How long the swarm waits for an heir on its way to the empty slot."""
@@ -116,8 +116,8 @@ class Agent:
         self._decision: Decision | None = None
         self._strategy_failure = ""
         self._formed_s: float | None = None
-        self._forming = Arrival(
-            arrival_m=AT_SLOT_M, settle_mps=math.inf, settle_s=0.0, blocked_s=FORMING_BLOCKED_S
+        self._approach = Arrival(
+            arrival_m=AT_SLOT_M, settle_mps=math.inf, settle_s=0.0, blocked_s=APPROACH_BLOCKED_S
         )
         self._transfer_since_s: float | None = None
         self._best_ppm: float | None = None
@@ -189,7 +189,7 @@ class Agent:
             self._transfer_since_s = now_s
         if self._transfer_since_s is None:
             return False
-        if self._at_slot(vehicle) or now_s - self._transfer_since_s > TRANSFER_LIMIT_S:
+        if self._in_slot(now_s, vehicle) or now_s - self._transfer_since_s > TRANSFER_LIMIT_S:
             self._transfer_since_s = None
         if self.phase.phase not in IN_FORMATION | {Phase.HOLDING}:
             self._transfer_since_s = None
@@ -221,17 +221,14 @@ class Agent:
         anchor = order.anchor_ned_m
         return anchor[0] + north_m, anchor[1] + east_m, anchor[2]
 
-    def _at_slot(self, vehicle: VehicleReport) -> bool:
-        target, position = self._slot_target(), vehicle.position_ned_m
-        return target is not None and position is not None and math.dist(target, position) < AT_SLOT_M
-
-    def _formed_up(self, now_s: float, vehicle: VehicleReport) -> bool:
-        """Whether this drone is in its slot, or as near to it as it gets."""
+    def _in_slot(self, now_s: float, vehicle: VehicleReport) -> bool:
+        """Whether this drone, forming up or on its way to another's slot, is in its slot, or as near as it gets."""
+        under_way = self.phase.phase is Phase.FORMING or self._transfer_since_s is not None
         target, position, velocity = self._slot_target(), vehicle.position_ned_m, vehicle.velocity_ned_mps
-        if self.phase.phase is not Phase.FORMING or target is None or position is None or velocity is None:
-            self._forming.interrupt()
+        if not under_way or target is None or position is None or velocity is None:
+            self._approach.interrupt()
             return False
-        return self._forming.step(now_s, position, velocity, target)
+        return self._approach.step(now_s, position, velocity, target)
 
     # -- phase -------------------------------------------------------------------------------------------------
 
@@ -254,7 +251,7 @@ class Agent:
         return SwarmFacts(
             order=self._tree.order,
             member=place.slot >= 0,
-            formed_up=self._formed_up(now_s, vehicle),
+            formed_up=self._in_slot(now_s, vehicle),
             over_home=self._homecoming.over_home,
             stuck=self._homecoming.stuck,
             shut_out=self._tree.shut_out,

@@ -157,6 +157,17 @@ def test_a_vehicle_that_hovers_in_the_roots_slot_does_not_stop_the_swarm(tmp_pat
     assert flight.min_separation_m > 4.0
 
 
+def test_an_heir_does_not_wait_long_for_a_slot_in_which_a_vehicle_hovers(tmp_path: pathlib.Path) -> None:
+    """The root's agent dies in flight; its vehicle stays exactly where its heir is to go."""
+    flight = scenario(tmp_path, seed=2)
+    flight.run(40.0)
+    flight.kill(1)
+    assert flight.run_until(lambda: flight.states[4].healing, 8.0)
+    assert flight.run_until(lambda: not flight.states[4].healing, 40.0)
+    assert flight.phases() <= {Phase.SEARCHING, Phase.TRACKING}
+    assert flight.min_separation_m > 4.0
+
+
 def test_a_radio_that_loses_a_third_of_everything(tmp_path: pathlib.Path) -> None:
     radio = MemoryRadio(
         seed=3, conditions=Conditions(loss=0.33, delay_s=0.05, jitter_s=0.05, duplication=0.1)
