@@ -250,7 +250,8 @@ class SwarmTree:
     def _merge(self, state: TreeState) -> None:
         if state.survey != self.survey:
             return
-        if _rank(state.lineage) > _rank(self.lineage):
+        theirs, ours = _rank(state.lineage, state.slots), _rank(self.lineage, self.slots.items())
+        if theirs > ours:
             if problems(dict(state.slots), self._layout):
                 return  # not a tree: never to be flown
             self.lineage = state.lineage
@@ -259,7 +260,7 @@ class SwarmTree:
             self._lost = set()
             self._awaited = None
             self._set_order(state.order)
-        elif state.lineage != self.lineage:
+        elif theirs != ours:
             return
         self._lost |= set(state.lost) & self.slots.keys() - {self._drone}
         if state.order is not None and (self.order is None or state.order.sequence > self.order.sequence):
@@ -370,6 +371,11 @@ def _foremost_first(tree: TreeState) -> tuple[int, int, str]:
     return -tree.epoch, -tree.order.sequence if tree.order is not None else 0, tree.survey
 
 
-def _rank(lineage: tuple[tuple[int, int], ...]) -> tuple[tuple[int, int], ...]:
-    """Which of two assignments stands: the greater one. A total order, in which descendants follow ancestors."""
-    return tuple((heard, -author) for heard, author in lineage)
+def _rank(
+    lineage: tuple[tuple[int, int], ...], slots: Iterable[tuple[int, int]]
+) -> tuple[tuple[tuple[int, int], ...], list[tuple[int, int]]]:
+    """Which of two assignments stands: the greater one. A total order, in which descendants follow ancestors.
+
+    Equal lineages with different slots come from files that list the members in different orders.
+    """
+    return tuple((heard, -author) for heard, author in lineage), sorted(slots)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import random
 
+import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flightstack.belief import Belief
+from flightstack.plausibility import refusal
 from flightstack.swarm_tree import SwarmTree
 from flightstack.topics import STATE
 from flightstack.transport import Received
@@ -16,7 +18,7 @@ from flightstack.wire import DroneState, Phase, TreeState
 from mission.formation import make_layout, rotated
 from mission.frames import Geodetic, LocalFrame, Vector3
 from mission.observation import Decision, Hold, Order, Reading, Stage
-from mission.tree import problems
+from mission.tree import heal, problems
 
 FRAME = LocalFrame(Geodetic(-5.06, 151.3, 500.0))
 START: Vector3 = (0.0, 0.0, -10.0)
@@ -217,6 +219,14 @@ def test_an_assignment_that_is_no_tree_is_not_adopted() -> None:
     assert node.tree.epoch == 0
 
 
+def test_members_listed_in_different_orders_still_give_one_slot_to_each() -> None:
+    network = Network(5)
+    odd = network.nodes[4] = Node(4, (1, 4, 3, 2, 5))
+    odd.tree.begin(0.0, "survey-1", START)
+    network.run(1.0)
+    assert sorted(network.agreed().values()) == [0, 1, 2, 3, 4]
+
+
 def test_only_the_root_orders() -> None:
     network = Network(3)
     network.run(1.0)
@@ -269,6 +279,45 @@ def test_a_drone_whose_radio_failed_for_a_while_never_sends_the_others_home(
     assert all(tree.slots == trees[0].slots and tree.order == trees[0].order for tree in trees)
     assert others <= trees[0].slots.keys()
     assert problems(trees[0].slots, network.nodes[1].layout) == []
+
+
+@settings(max_examples=15, deadline=None)
+@given(count=st.integers(2, 9), seed=st.integers(0, 100_000))
+def test_a_member_that_tells_whatever_it_likes_cannot_split_the_others_for_good(
+    count: int, seed: int
+) -> None:
+    """It tells each of the others something else for a while, all well-formed; then it falls silent."""
+    chance = random.Random(seed)
+    network = Network(count, loss=0.2, seed=seed)
+    members = tuple(network.nodes)
+    liar = chance.choice(members)
+    network.run(1.0)
+    for _ in range(chance.randint(1, 6)):
+        for node in network.live:
+            left = chance.sample(members, chance.randint(1, count))
+            slots = heal(
+                {drone: slot for slot, drone in enumerate(members)}, node.layout, set(members) - set(left)
+            )
+            lineage = tuple(
+                (chance.randint(1, count), chance.choice(members)) for _ in range(chance.randrange(count))
+            )
+            lie = msgspec.structs.replace(
+                network.nodes[liar].tree.message(),
+                epoch=len(lineage),
+                author=lineage[-1][1] if lineage else 0,
+                lineage=lineage,
+                slots=tuple(slots.slots.items()),
+                lost=tuple(chance.sample(members, chance.randint(0, count))),
+                order=Order(chance.randrange(1000), Stage.SEARCH, START, 0.0),
+            )
+            assert refusal(lie, members) == ""
+            node.tree.step(network.now_s, [lie], node.belief, None, node.position)
+        network.run(chance.uniform(0.1, 4.0))
+    network.dead.add(liar)
+    network.run(5.0 * count + 5.0)
+    trees = [node.tree for node in network.live]
+    assert all(tree.slots == trees[0].slots and tree.order == trees[0].order for tree in trees)
+    assert all(problems(tree.slots, network.nodes[1].layout) == [] for tree in trees)
 
 
 @settings(max_examples=15, deadline=None)
