@@ -161,9 +161,6 @@ def run(config: DroneConfig, *, file: str = "configuration") -> int:
         recorder.record("/config", clock.now_s(), {"config": config, "incarnation": incarnation})
         gc.collect()
         gc.freeze()  # what start-up made is never searched again: keeps the collector out of the ticks
-        log.info(
-            "drone %d ready: autopilot on %s, swarm %s", config.drone, shell.link.describe, config.swarm.name
-        )
         return _loop(agent, shell, recorder, clock, stop, file)
 
 
@@ -200,6 +197,13 @@ def _loop(agent: Agent, shell: Shell, recorder: FlightRecorder, clock: Clock, st
         outputs = agent.step(now_s, inputs)
         shell.send(outputs)
         _record(recorder, now_s, inputs, outputs)
+        if deadlines.ticks == 0:
+            log.info(
+                "drone %d ready: autopilot on %s, swarm %s",
+                config.drone,
+                shell.link.describe,
+                config.swarm.name,
+            )
         if answer_by_s is not None and vehicle.connected:
             answer_by_s = None
         if answer_by_s is not None and time.monotonic() > answer_by_s:
