@@ -81,6 +81,9 @@ class Co2Filter:
         self._zeroed = False
         self._held: tuple[float, float] | None = None
         self._verdicts: collections.deque[bool] = collections.deque(maxlen=30)
+        self._below_s = -math.inf
+        self._too_high = False
+        """The background that was learned or given has turned out too high; it is being learned anew."""
         self._clean_until_s = -math.inf
         self._clean_since_s: float | None = None
         self._clean_last_s = -math.inf
@@ -148,11 +151,15 @@ class Co2Filter:
             return
         if self._time_s is None or time_s - self._time_s > config.lost_s:
             self._begin(time_s, value_ppm)
+        elif self._background_is_too_high(time_s, value_ppm):
+            self._background, self._too_high = None, True
+            self._begin(time_s, value_ppm)
         else:
             self._update(time_s, value_ppm)
         self._news_s = time_s
         self._learn_background(time_s)
         if time_s >= self._clean_until_s:
+            self._too_high = False
             variance = float(self._bank.p[BACKGROUND, BACKGROUND])
             self._background = (float(self._bank.x[BACKGROUND]), variance, time_s)
 
@@ -192,11 +199,25 @@ class Co2Filter:
         if known is not None:
             self._correct(value_ppm, noise_var)
 
+    def _background_is_too_high(self, time_s: float, value_ppm: float) -> bool:
+        """Whether this is the second reading in a row that is far below the background.
+
+        A reading is an average of the air before it, and air has no less than the background: the drone began
+        inside a plume. No correction of the filter's state is enough then; the lag would make swings of it.
+        """
+        x, p = self._bank.x, self._bank.p
+        variance = self.config.reading_variance_ppm2(value_ppm) + max(float(p[BACKGROUND, BACKGROUND]), 0.0)
+        least_ppm = float(x[BACKGROUND]) - self.config.gate_sd * (
+            math.sqrt(variance) + self.config.clean_sd_ppm
+        )
+        before_s, self._below_s = self._below_s, time_s if value_ppm < least_ppm else -math.inf
+        return self._below_s - before_s <= self.config.lost_s
+
     def _background_now(self, time_s: float) -> tuple[float, float] | None:
         """The background's mean and variance as known from before or as given; None: it has to be learned."""
         config = self.config
         if self._background is None:
-            if config.background_co2_ppm is None:
+            if config.background_co2_ppm is None or self._too_high:
                 return None
             return config.background_co2_ppm, config.background_sd_ppm**2
         mean_ppm, variance, known_s = self._background
@@ -383,6 +404,10 @@ class Co2Filter:
         trouble = (self._trouble.reason or self._trouble.state.value) if self._trouble is not None else ""
         if self._time_s is None:
             return Health.BAD, trouble or "no reading yet"
+        if self._too_high:
+            return Health.BAD, trouble or (
+                f"began inside a plume: learning the background until {config.clean_start_s:g} s of clean air"
+            )
         age_s = now_s - self._news_s
         same_s = self._heard_s - self._same_since_s
         if same_s > config.stuck_s and not trouble:

@@ -129,6 +129,29 @@ def test_late_ticks_do_not_pass_for_a_higher_plume() -> None:
     assert np.mean(squares) < 5.0
 
 
+@pytest.mark.parametrize("inside_s", [0.0, 20.0])
+@pytest.mark.parametrize("given_ppm", [None, 600.0])
+def test_a_drone_that_began_inside_a_plume_learns_the_background_outside(
+    inside_s: float, given_ppm: float | None
+) -> None:
+    bench = Bench(Co2FilterConfig(background_co2_ppm=given_ppm))
+    bench.cell_ppm = bench.air_ppm = 1000.0
+    bench.step()
+    if inside_s:
+        bench.run(inside_s)
+    bench.air_ppm, told = 420.0, []
+    for _ in range(150):
+        estimate = bench.step()
+        assert estimate is not None
+        told.append((estimate.health, estimate.reason, estimate.excess_co2_ppm))
+    bad = [t for t in told if t[0] is Health.BAD]
+    assert "began inside a plume" in bad[-1][1]
+    assert sum(abs(excess_ppm) > 600.0 for health, _, excess_ppm in told if health is not Health.BAD) < 5
+    assert bench.run(10.0).health is Health.GOOD
+    assert bench.run(1.0).background_co2_ppm == pytest.approx(420.0, abs=6.0)
+    assert bench.run(1.0).excess_co2_ppm == pytest.approx(0.0, abs=6.0)
+
+
 def test_one_spark_is_refused_and_two_are_an_edge() -> None:
     bench = Bench()
     bench.run(20.0)
