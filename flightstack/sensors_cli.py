@@ -18,7 +18,7 @@ from sensors.co2_model import Co2FilterConfig
 from sensors.errors import SensorError
 from sensors.filter_settings import co2_filter_config
 from sensors.instruments import INSTRUMENTS, instrument_type, make_instrument
-from sensors.samples import InstrumentState, Sample
+from sensors.samples import InstrumentState, Quantity, Sample
 
 app = typer.Typer(
     help="Instruments: what there are, what one on a port says, and what a recording holds.",
@@ -165,7 +165,7 @@ def tune(
     from sensors.tuning import Fitted, tune_co2, tune_wind
 
     samples = _load(file, type_name, option)
-    is_co2 = any(s.co2_ppm is not None for s in samples)
+    is_co2 = any(s.quantity is Quantity.CO2 or s.co2_ppm is not None for s in samples)
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("fitting", total=1.0)
 
@@ -295,6 +295,8 @@ def _options(given: list[str] | None) -> dict[str, Any]:
 def _load(file: pathlib.Path, type_name: str | None, option: list[str] | None) -> list[Sample]:
     """Samples of a recording: JSON lines as they are, raw bytes with the type that made them."""
     data = read_bytes(file)
+    if not data.strip():
+        raise SensorError(f"{file}: it is empty: there is no recording in it")
     if is_json_lines(data):
         return read_samples(file)
     if type_name is None:

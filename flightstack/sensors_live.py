@@ -1,5 +1,5 @@
 """The live display of `flightstack sensors read`: the newest reading, a bar and a sparkline of the last
-minute."""
+minute, or longer where an instrument gives fewer than one a second."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class LiveDisplay:
     def __init__(self, console: Console | None = None, width: int = 60) -> None:
         self._width = width
         self._values: collections.deque[float] = collections.deque(maxlen=width)
-        self._second = -1
+        self._seconds: collections.deque[int] = collections.deque(maxlen=width)
         self._last: Sample | None = None
         self._count = 0
         self._live = Live(console=console or Console(), refresh_per_second=8, transient=False)
@@ -40,11 +40,12 @@ class LiveDisplay:
         value = main_number(sample)
         if value is None:
             return
-        if int(sample.time_s) == self._second and self._values:
+        second = int(sample.time_s)
+        if self._seconds and second == self._seconds[-1]:
             self._values[-1] = value
         else:
             self._values.append(value)
-        self._second = int(sample.time_s)
+            self._seconds.append(second)
 
     def tick(self) -> None:
         self._live.update(self.render())
@@ -69,7 +70,8 @@ class LiveDisplay:
             low, high = min(self._values), max(self._values)
             lines.append(Text(bar(self._values[-1], low, high, self._width), style="cyan"))
             lines.append(Text(sparkline(self._values), style="cyan"))
-            span = f"{low:.2f} to {high:.2f} {unit} in the last {len(self._values)} s, {self._count} messages"
+            seconds = self._seconds[-1] - self._seconds[0] + 1
+            span = f"{low:.2f} to {high:.2f} {unit} in the last {seconds} s, {self._count} messages"
             lines.append(Text(span, style="dim"))
         return Group(*lines)
 

@@ -101,7 +101,9 @@ def test_decode_takes_options(tmp_path: pathlib.Path) -> None:
         (("decode", "FILE", "--type", "sba5", "--option", "poll_hz"), "write it as NAME=VALUE"),
         (("decode", "FILE", "--type", "sba5", "--option", "speed=3"), "unknown field"),
         (("tune", "FILE"), "say which with --type"),
-        (("tune", "FILE", "--type", "sba5"), "too few"),
+        (("tune", "FILE", "--type", "sba5"), "valid CO2 readings are too few"),
+        (("tune", "/dev/null", "--type", "sba5"), "it is empty"),
+        (("plot", "/dev/null"), "it is empty"),
         (("read", "--port", "socket://nowhere", "--type", "sba5"), "socket://HOST:PORT"),
         (("read", "--port", "/dev/null", "--type", "mavlink"), "no port of its own"),
     ],
@@ -175,8 +177,8 @@ def test_live_display_shows_number_state_bar_and_sparkline() -> None:
     for second in range(8):
         display.sample(
             Sample(
-                float(second),
-                "sba5",
+                2.0 * second,
+                "k30",
                 InstrumentState.MEASURING,
                 co2_ppm=420.0 + 10 * second,
                 quantity=Quantity.CO2,
@@ -191,4 +193,5 @@ def test_live_display_shows_number_state_bar_and_sparkline() -> None:
     assert "490.00 ppm" in text
     assert "▁▂▃▄▅▆▇█" in text
     assert "█" * 60 in text
+    assert "in the last 15 s, 8 messages" in text
     assert bar(1.0, 0.0, 4.0, 8) == "██░░░░░░"
