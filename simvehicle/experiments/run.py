@@ -23,8 +23,8 @@ _ALONE = 2500
 """Runs of fewer trials than this are done before other processes have even started."""
 
 _TITLES = {
-    "locus-1": "Time to contact and to max flux, smooth plume",
-    "locus-2": "Time to contact and to max flux, perturbed plume",
+    "locus-1": "Time to contact and to max flux",
+    "locus-2": "Time to contact and to max flux",
     "locus-3": "Generic failures",
     "locus-4": "Failures in the plume",
 }
@@ -80,10 +80,11 @@ def write_report(report: Report, command: str, rows_as: str = "parquet") -> path
     from simvehicle.experiments import figures
 
     name = report.experiment.name
+    heading = _TITLES[name]
+    if not report.experiment.by_rate:  # with rates there is a panel a plume
+        heading += f", {' and '.join(dict.fromkeys(cell.plume for cell in report.experiment.cells))} plume"
     draw = figures.rates if report.experiment.by_rate else figures.bars
-    title = (
-        f"{_TITLES[name]}\n{report.experiment.trials} trials a cell, motion {report.summaries[0]['motion']}"
-    )
+    title = f"{heading}\n{report.experiment.trials} trials a cell, motion {report.summaries[0]['motion']}"
     page = report.directory / f"{name}.md"
     try:
         figures.save(draw(report.summaries, title), report.directory / f"{name}.png")
@@ -99,7 +100,7 @@ def write_report(report: Report, command: str, rows_as: str = "parquet") -> path
             encoding="utf-8",
         )
         page.write_text(
-            f"# {name}: {_TITLES[name]}\n\n```sh\n{command}\n```\n\n![{_TITLES[name]}]({name}.png)\n\n"
+            f"# {name}: {heading}\n\n```sh\n{command}\n```\n\n![{heading}]({name}.png)\n\n"
             f"## Verdicts\n\n{verdict_markdown(report.verdicts)}\n## Cells\n\n{markdown(report.summaries)}",
             encoding="utf-8",
         )

@@ -196,8 +196,8 @@ _CLAIMS: dict[str, tuple[tuple[str, bool, Interval, str], ...]] = {
 def begins_to_fail(rows: pd.DataFrame, cells: list[Cell]) -> Interval:
     """The range of rates in which a strategy begins to fail: from where it may have to where it surely has.
 
-    Lower end: the last rate before Wilson's interval first reaches below 95 %; upper end: the first rate at
-    which the whole interval is below 95 %. The sampling error and the grid of rates are both in it.
+    Upper end: the first rate at which the whole of Wilson's interval is below 95 %; lower end: the last rate before
+    it at which at least 95 % of the trials succeed. The sampling error and the grid of rates are both in it.
     """
     low, high = 0.0, math.inf
     surely = False
