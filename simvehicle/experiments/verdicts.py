@@ -212,6 +212,13 @@ def begins_to_fail(rows: pd.DataFrame, cells: list[Cell]) -> Interval:
     return low, high
 
 
+def _within(found: Interval, claimed: Interval) -> Outcome:
+    """Whether a rate that lies somewhere in `found` lies in the range `claimed`. It is surely not above `found`."""
+    if found[1] <= claimed[0] or found[0] > claimed[1]:
+        return "does not hold"
+    return "holds" if claimed[0] <= found[0] and found[1] <= claimed[1] else "undecided"
+
+
 def _by_rate(experiment: Experiment, rows: pd.DataFrame) -> list[Verdict]:
     found = []
     plumes = list(dict.fromkeys(cell.plume for cell in experiment.cells))
@@ -225,13 +232,10 @@ def _by_rate(experiment: Experiment, rows: pd.DataFrame) -> list[Verdict]:
                     continue
                 begin, sure = begins_to_fail(rows, cells)
                 who = strategy if strategy == "mobs" else f"{strategy} with{'' if healing else 'out'} healing"
-                inside = begin <= high and sure >= low
-                open_end = math.isinf(sure) or begin == 0.0
-                overlap: Outcome = "undecided" if open_end else "holds"
                 found.append(
                     Verdict(
                         f"{plume} plume, {size} drones: {who} begins to fail {words}",
-                        overlap if inside else "does not hold",
+                        _within((begin, sure), (low, high)),
                         f"success falls below {_BEGINS:.0%} between {begin:.0e} and {sure:.0e}",
                     )
                 )

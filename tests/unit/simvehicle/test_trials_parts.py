@@ -392,6 +392,34 @@ def test_where_a_strategy_begins_to_fail() -> None:
     assert begins_to_fail(pd.concat(rows), cells) == (1e-5, 1e-3)
 
 
+@pytest.mark.parametrize(
+    ("rates", "successes", "verdict"),
+    [
+        ((2e-4, 9e-4), (100, 20), "holds"),
+        ((1e-5, 1e-4), (100, 24), "does not hold"),  # it has begun before the range begins
+        ((1e-5, 1e-3), (100, 24), "undecided"),  # before or within
+        ((2e-4, 1e-2), (100, 24), "undecided"),
+        ((2e-3, 1e-2), (100, 24), "does not hold"),
+        ((2e-4, 9e-4), (100, 100), "undecided"),
+        ((2e-4, 9e-4), (20, 10), "undecided"),
+    ],
+)
+def test_a_threshold_holds_only_where_the_rates_flown_enclose_it(
+    rates: Any, successes: Any, verdict: str
+) -> None:
+    """The claim: LoCUS with healing begins to fail between 1e-4 and 1e-3."""
+    options = Options(rates=rates, strategies=("locus",), plumes=("smooth",), sizes=(3,))
+    experiment = define("locus-3", options)
+    succeeded = dict(zip(rates, successes, strict=True))
+    rows = []
+    for cell in experiment.cells:
+        times = np.where(np.arange(100) < succeeded[cell.failure_rate], 100.0, np.nan)
+        rows.append(made_rows(cell, times, times))
+    first = judge(experiment, pd.concat(rows))[0]
+    assert "with healing begins to fail" in first.claim
+    assert first.verdict == verdict
+
+
 def test_summaries_and_tables_are_complete() -> None:
     cell = Cell(drones=3, arena_m=30.0, failure="generic", failure_rate=1e-3)
     summary = summarise(run_cell(cell, 1, 0, 5), cell)
