@@ -70,7 +70,7 @@ def _yardstick(reference: Any) -> None:
     """Print how long the trials are where the authors' program had its plumes, and anywhere."""
     theirs = [
         float(run_cell(Cell(source=place), seed, trial, 1)["source_s"].iloc[0]) * TICKS_PER_S
-        for seed in range(1, 5)
+        for seed in range(1, 9)
         for trial, place in enumerate(reference.authors_places(100))
     ]
     anywhere = run_cell(Cell(), 1, 0, 3000)["source_s"] * TICKS_PER_S
