@@ -280,6 +280,8 @@ def _show(summaries: list[dict[str, Any]], verdicts: list[Any]) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from simvehicle.experiments.table import percent
+
     by_rate = any("failure_rate" in one for one in summaries)
     table = Table(title="times in minutes, mean ± standard deviation")
     for column in ("strategy", "drones", "plume", *(("healing", "rate") if by_rate else ())):
@@ -294,7 +296,7 @@ def _show(summaries: list[dict[str, Any]], verdicts: list[Any]) -> None:
     for one in summaries:
         row = [one["strategy"], str(one["drones"]), one["plume"]]
         row += ["on" if one["healing"] else "off", f"{one['failure_rate']:.0e}"] if by_rate else []
-        row += [f"{100.0 * one['success_rate']:.0f} %", minutes(one, "contact_s_mean", "contact_s_sd")]
+        row += [percent(one, "success_rate"), minutes(one, "contact_s_mean", "contact_s_sd")]
         row += [minutes(one, "source_s_mean", "source_s_sd"), minutes(one, "source_s_median")]
         table.add_row(*row, minutes(one, "source_s_max"))
     console = Console()

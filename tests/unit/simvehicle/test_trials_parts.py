@@ -428,3 +428,5 @@ def test_summaries_and_tables_are_complete() -> None:
     assert wanted <= summary.keys()
     assert summary["trials"] == 5
     assert "1e-03" in markdown([summary])
+    nearly = summary | {"trials": 3000, "success_rate": 0.999, "success_low": 0.9971, "success_high": 0.9997}
+    assert "| 99.9 % | 99.7..100.0 % |" in markdown([nearly])
