@@ -14,6 +14,7 @@ from flightstack.runner import fingerprint
 from flightstack.transport.memory import Conditions, MemoryRadio
 from flightstack.wire import CommandName, Phase, Result
 from mission.geofence import LocalFence
+from mission.observation import Stage
 from simvehicle.launch import plan
 from simvehicle.scenario import Scenario
 from simvehicle.survey import load
