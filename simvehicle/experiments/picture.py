@@ -8,7 +8,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
+from matplotlib.animation import FFMpegWriter, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
@@ -73,7 +73,7 @@ def _frame(trial: RecordedTrial, tracks: Tracks, cell: Cell) -> tuple[Figure, Ax
     axes.set_xlim(middle[1] - half, middle[1] + half)
     axes.set_ylim(middle[0] - half, middle[0] + half)
     image = _map(trial, axes, float(tracks.time_s[-1]))
-    figure.colorbar(image, ax=axes, shrink=0.8, label="reading (share of the plume's maximum)")
+    figure.colorbar(image, ax=axes, shrink=0.8, format="%g", label="reading (share of the plume's maximum)")
     axes.plot(0.0, 0.0, "k+", markersize=10.0, label="launch")
     axes.plot(
         source[1], source[0], "*", color="gold", markeredgecolor="black", markersize=14.0, label="max flux"
@@ -146,7 +146,7 @@ def film(trial: RecordedTrial, cell: Cell, path: pathlib.Path) -> None:
         clock = axes.text(0.02, 0.97, "", transform=axes.transAxes, va="top", fontsize=10)
         moving = cell.plume == "gusty"
 
-        def draw(frame: int) -> list[Any]:
+        def draw(frame: int) -> None:
             for drone, line in enumerate(lines):
                 line.set_data(tracks.place_m[: frame + 1, drone, 1], tracks.place_m[: frame + 1, drone, 0])
             dots.set_data(tracks.place_m[frame, :, 1], tracks.place_m[frame, :, 0])
@@ -158,11 +158,14 @@ def film(trial: RecordedTrial, cell: Cell, path: pathlib.Path) -> None:
                 tick = round(float(tracks.time_s[frame]) * TICKS_PER_S)
                 _plume_map(trial.setup.scene, norths, easts, tick, values)
                 image.set_data(np.ma.masked_less_equal(values, 0.0))
-            return [*lines, dots, clock]
 
-        animation = FuncAnimation(figure, draw, frames=len(tracks.time_s), blit=False)
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")  # laid out once, not in every frame
         writer: Any = PillowWriter(_FRAMES_PER_S) if suffix == ".gif" else FFMpegWriter(_FRAMES_PER_S)
         try:
-            animation.save(path, writer=writer, dpi=80)
+            with writer.saving(figure, path, 80):
+                for frame in range(len(tracks.time_s)):
+                    draw(frame)
+                    writer.grab_frame()
         except OSError as error:
             raise TrialsError(f"{path}: {error.strerror or error}") from error
