@@ -45,18 +45,22 @@ HEARD_S = 2.0
 JOIN_S = 30.0
 """How long after the start a member may be unheard or not yet arming before it counts as lost."""
 
+STEADY_S = 1.0
+"""How long a peer must tell of one survey before that counts: its newest state and tree may be of two surveys for as
+long as it takes to send both."""
 
-RIVAL_S = 1.0
-"""How long a peer must tell of another survey before that counts: its newest state and tree may be of two surveys
-for as long as it takes to send both."""
 
-
-class _Rival(msgspec.Struct):
-    """A survey that a peer takes part in and this drone does not."""
+class _Flown(msgspec.Struct):
+    """The tree of a peer that takes part in a survey."""
 
     tree: TreeState
     since_s: float
+    """When the peer was first heard to take part in this survey."""
     heard_s: float
+
+    @property
+    def steady(self) -> bool:
+        return self.heard_s - self.since_s >= STEADY_S
 
 
 class TreeNews(msgspec.Struct, frozen=True):
@@ -94,7 +98,7 @@ class SwarmTree:
         self.survey: str | None = None
         self.shut_out = False
         """The others fly a survey that does not count this drone in."""
-        self._rivals: dict[int, _Rival] = {}
+        self._flown: dict[int, _Flown] = {}
         self._family_of: dict[int, int] = {}
         self._known_family = Place(None, (), None, None, drone)
         self._reset()
@@ -141,7 +145,7 @@ class SwarmTree:
     ) -> TreeNews:
         """Merge what came, adopt this drone's own decision of the tick before, look for losses, heal."""
         heard = tuple(heard)
-        self._compare_surveys(now_s, heard, belief)
+        self._look_at_surveys(now_s, heard, belief)
         if self.survey is None:
             return TreeNews()
         joined = self._join_the_foremost(now_s)
@@ -210,38 +214,33 @@ class SwarmTree:
             self._known_family = place(self.slots, self._layout, self._drone)
         return self._known_family
 
-    # -- other surveys ----------------------------------------------------------------------------------------
+    # -- which survey -----------------------------------------------------------------------------------------
 
-    def _compare_surveys(self, now_s: float, heard: Iterable[TreeState], belief: Belief) -> None:
+    def _look_at_surveys(self, now_s: float, heard: Iterable[TreeState], belief: Belief) -> None:
         for state in heard:
             peer = belief.peers.get(state.sender)
-            before = self._rivals.pop(state.sender, None)
-            if peer is None or peer.state.phase not in TAKING_PART or state.survey in ("", self.survey):
+            before = self._flown.pop(state.sender, None)
+            if peer is None or peer.state.phase not in TAKING_PART or not state.survey:
                 continue
             again = before is not None and before.tree.survey == state.survey
             since_s = before.since_s if before is not None and again else now_s
-            self._rivals[state.sender] = _Rival(state, since_s, now_s)
-        for drone, rival in list(self._rivals.items()):
-            if now_s - rival.heard_s > self._lost_after_s:
-                del self._rivals[drone]
-        self.shut_out = any(
-            rival.heard_s - rival.since_s >= RIVAL_S and not _counts_in(rival.tree, self._drone)
-            for rival in self._rivals.values()
-        )
+            self._flown[state.sender] = _Flown(state, since_s, now_s)
+        self._flown = {d: f for d, f in self._flown.items() if now_s - f.heard_s <= self._lost_after_s}
+        self.shut_out = any(f.steady and not _counts_in(f.tree, self._drone) for f in self._flown.values())
 
     def _join_the_foremost(self, now_s: float) -> bool:
         joined = False
-        for rival in list(self._rivals.values()):
-            tree = rival.tree
+        for flown in self._flown.values():
+            tree = flown.tree
             if (
-                rival.heard_s - rival.since_s >= RIVAL_S
+                tree.survey != self.survey
+                and flown.steady
                 and _counts_in(tree, self._drone)
                 and _foremost_first(tree) < _foremost_first(self.message())
                 and not problems(dict(tree.slots), self._layout)
             ):
                 self.begin(now_s, tree.survey, self._start_ned_m)
                 self._merge(tree)
-                self._rivals = {d: r for d, r in self._rivals.items() if r.tree.survey != tree.survey}
                 joined = True
         return joined
 
