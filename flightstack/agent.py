@@ -268,8 +268,10 @@ class Agent:
                 return reason
         if self._strategy_failure and vehicle.armed:
             return self._strategy_failure
-        if vehicle.armed and self._belief.cut_off_s(now_s) > limits.peer_lost_s:
-            return "nobody is heard any more, all fell silent together: the own radio has probably failed"
+        if vehicle.armed and self._belief.cut_off(now_s, limits.peer_lost_s):
+            return (
+                "most of the swarm fell silent at one moment: the own radio has failed, or a ridge is between"
+            )
         return self._leaving.reason(now_s, vehicle.battery_fraction, self._belief.ground_heard_s)
 
     def _ask(self, phase: PhaseStep) -> None:

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Sequence
 
 from flightstack import topics
 from flightstack.guidance import FRESH_S
+from flightstack.phase import TAKING_PART
 from flightstack.plausibility import is_estimate, is_vehicle, is_wind, refusal
 from flightstack.transport import Received
 from flightstack.wire import Command, DroneState, GroundBeat, Traffic, TrafficVehicle, TreeState, WireError
@@ -23,6 +24,9 @@ ADRIFT_S = 5.0
 
 TOGETHER_S = 2.0
 """Nodes whose last words came within this time fell silent together."""
+
+PARTING_S = 20.0
+"""So long after it was noticed a parting of the swarm decides who goes home; later the tree has healed around it."""
 
 OBSTACLE_MEMORY_S = 3600.0
 """How long a silent flying peer is kept in mind as an obstacle: longer than a battery lasts."""
@@ -85,16 +89,27 @@ class Belief:
                     self.ground_heard_s = now_s
         return Inbox(tuple(commands), tuple(trees), tuple(problems))
 
-    def cut_off_s(self, now_s: float) -> float:
-        """For how long nobody at all has been heard, 0 where that was a single node: then it has failed, not we.
+    def cut_off(self, now_s: float, lost_after_s: float) -> bool:
+        """Whether this drone has just lost the larger part of the swarm to a failed radio or a ridge between.
 
-        Several nodes that fall silent together, drones and ground station, are a failed radio of our own.
+        Several nodes that fall silent together, drones that took part or the ground station, have not all failed.
+        Then two parts that cannot hear each other would fly the same search on the same points; so only the larger
+        one goes on, of equal ones that of the lowest id. While the ground station is heard, it tells each part where
+        the other is.
         """
-        heard_s = [peer.heard_s for peer in self.peers.values()]
-        heard_s += [self.ground_heard_s] if self.ground_heard_s is not None else []
-        last_s = max(heard_s, default=now_s)
-        together = sum(at_s > last_s - TOGETHER_S for at_s in heard_s)
-        return now_s - last_s if together > 1 else 0.0
+        if self.ground_heard_s is not None and now_s - self.ground_heard_s <= lost_after_s:
+            return False
+        heard_s = {d: p.heard_s for d, p in self.peers.items() if p.state.phase in TAKING_PART}
+        silent_s = {drone: at_s for drone, at_s in heard_s.items() if now_s - at_s > lost_after_s}
+        last_s = max(silent_s.values(), default=now_s)
+        if not silent_s or now_s - last_s > lost_after_s + PARTING_S:
+            return False
+        gone = {drone for drone, at_s in silent_s.items() if at_s > last_s - TOGETHER_S}
+        ground_gone = self.ground_heard_s is not None and abs(self.ground_heard_s - last_s) < TOGETHER_S
+        if len(gone) + ground_gone < 2:
+            return False
+        with_us = {self._drone, *heard_s} - silent_s.keys()
+        return len(with_us) == 1 or (len(gone), -min(gone)) > (len(with_us), -min(with_us))
 
     def silence_s(self, now_s: float, drone: int) -> float:
         """Seconds since `drone` was last heard directly; infinite if never."""

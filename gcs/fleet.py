@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any, Literal, TypeAlias
 
 import msgspec
@@ -219,16 +219,20 @@ class FleetView:
 
     def witnesses(self, drone: int, now_s: float) -> list[Agent]:
         """The other agents whose fresh trees count `drone` in: they hear it, whatever we do."""
-        return [
-            agent
-            for agent in self.agents.values()
-            if agent.drone != drone
-            and agent.tree is not None
-            and agent.tree_s is not None
-            and now_s - agent.tree_s <= (topics.TREE.stale_s or 0.0)
-            and drone not in agent.tree.lost
-            and any(member == drone for member, _ in agent.tree.slots)
-        ]
+        return [a for a, counted_in in self._countings(drone, now_s) if counted_in]
+
+    def missed(self, drone: int, now_s: float) -> bool:
+        """Whether the fresh tree of another agent does not count `drone` in: that one may not hear it."""
+        return not all(counted_in for _, counted_in in self._countings(drone, now_s))
+
+    def _countings(self, drone: int, now_s: float) -> Iterator[tuple[Agent, bool]]:
+        """The other agents with fresh trees, and whether each counts `drone` in."""
+        for agent in self.agents.values():
+            tree, tree_s = agent.tree, agent.tree_s
+            if agent.drone == drone or tree is None or tree_s is None:
+                continue
+            if now_s - tree_s <= (topics.TREE.stale_s or 0.0):
+                yield agent, drone not in tree.lost and any(member == drone for member, _ in tree.slots)
 
     def frame_matches(self, drone: int) -> bool:
         """Whether the drone's positions are in our frame (or nothing speaks against it)."""

@@ -179,7 +179,10 @@ class Station:
             self._timeline.append(TimelineEntry(f"/traffic/{self.config.station}", message))
 
     def _traffic(self, now_s: float) -> tuple[TrafficVehicle, ...]:
-        """Vehicles that only we hear: obstacles for the others while they fly, and no more once they are down."""
+        """Vehicles that some drones do not hear: obstacles for them while they fly, and no more once they are down.
+
+        Those whose agents are silent, and where a swarm has come apart each part's for the other.
+        """
         return tuple(
             TrafficVehicle(
                 vehicle.source.system,
@@ -189,7 +192,10 @@ class Station:
                 vehicle.airborne(now_s),
             )
             for vehicle in self._heard()
-            if not self.fleet.agent_live(vehicle.source.system, now_s)
+            if (
+                not self.fleet.agent_live(drone := vehicle.source.system, now_s)
+                or self.fleet.missed(drone, now_s)
+            )
             and vehicle.position_ned_m is not None
             and vehicle.velocity_ned_mps is not None
             and vehicle.position_age_s(now_s) <= TRAFFIC_POSITION_MAX_AGE_S

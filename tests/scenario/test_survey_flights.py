@@ -190,6 +190,23 @@ def test_a_drone_whose_radio_fails_goes_home_and_does_not_search_on_its_own(tmp_
     assert flight.min_separation_m > 4.0
 
 
+@pytest.mark.parametrize("apart", [{1, 2}, {4, 5}], ids=["with-the-root", "without-the-root"])
+def test_the_smaller_part_of_a_swarm_that_comes_apart_goes_home(
+    tmp_path: pathlib.Path, apart: set[int]
+) -> None:
+    """A ridge stands between them: two swarms on one spiral would meet, and neither hears the other come."""
+    flight = scenario(tmp_path, seed=1)
+    flight.run(80.0)  # by now the search has left the launch points, over which the others will land
+    flight.radio.cut("ridge", apart)
+    flight.run(6.0)
+    phases = {drone: member.agent.phase.phase for drone, member in flight.members.items()}
+    assert {drone for drone, phase in phases.items() if phase is Phase.RETURNING} == apart
+    assert flight.run_until(
+        lambda: all(flight.members[drone].agent.phase.phase is Phase.LANDED for drone in apart), 120.0
+    )
+    assert_found(flight)
+
+
 def test_an_unplugged_co2_instrument_leaves_the_others_tracking(tmp_path: pathlib.Path) -> None:
     flight = scenario(tmp_path, seed=4)
     flight.run(40.0)

@@ -69,16 +69,69 @@ def beat(sequence: int) -> Received:
     return Received(topics.GROUND, "ground", topics.GROUND.codec.encode(GroundBeat("ground", sequence)))
 
 
+def heard_until(belief: Belief, now_s: float, *drones: int, phase: Phase = Phase.SEARCHING) -> None:
+    """`drones` are heard for the last time now."""
+    for drone in drones:
+        state = msgspec.structs.replace(STATE, sender=drone, sequence=int(10 * now_s), phase=phase)
+        assert not belief.update(now_s, [said(state)]).problems
+
+
+def test_a_single_drone_that_falls_silent_has_failed_itself(belief: Belief) -> None:
+    assert not belief.cut_off(5.0, 3.0)
+    heard_until(belief, 10.0, 2)
+    assert not belief.cut_off(14.0, 3.0)
+
+
 def test_all_who_fall_silent_together_are_a_radio_of_our_own_that_failed(belief: Belief) -> None:
-    assert belief.cut_off_s(5.0) == 0.0
-    belief.update(10.0, [said(STATE), said(msgspec.structs.replace(STATE, sender=3))])
-    assert belief.cut_off_s(14.0) == pytest.approx(4.0)
-    belief.update(20.0, [said(msgspec.structs.replace(STATE, sequence=2))])
-    assert belief.cut_off_s(24.0) == 0.0  # the last of the others has died
-    belief.update(30.0, [said(msgspec.structs.replace(STATE, sequence=3)), beat(1)])
-    assert belief.cut_off_s(34.0) == pytest.approx(4.0)
-    belief.update(35.0, [beat(2)])
-    assert belief.cut_off_s(36.5) == 0.0  # our radio works: the drone has died
+    heard_until(belief, 10.0, 2, 3)
+    assert not belief.cut_off(12.9, 3.0)
+    assert belief.cut_off(13.1, 3.0)
+
+
+def test_a_drone_and_the_ground_station_that_fall_silent_together_too(belief: Belief) -> None:
+    heard_until(belief, 30.0, 2)
+    belief.update(30.0, [beat(1)])
+    assert belief.cut_off(33.1, 3.0)
+    belief.update(33.2, [beat(2)])
+    assert not belief.cut_off(33.3, 3.0)  # our radio works: the drone has died
+
+
+@pytest.mark.parametrize(
+    ("near", "far", "cut_off"),
+    [
+        ({2}, {3, 4, 5}, True),
+        ({2, 3}, {4, 5}, False),
+        ({2, 3}, {4, 5, 6}, False),  # equal halves: that of the lowest id goes on
+        ({2, 3, 4, 5}, {6}, False),
+    ],
+)
+def test_who_is_in_the_smaller_part_of_the_swarm_is_cut_off(
+    near: set[int], far: set[int], cut_off: bool
+) -> None:
+    belief = Belief(1, (1, 2, 3, 4, 5, 6), LocalFrame(Geodetic(-5.06, 151.3, 500.0)))
+    heard_until(belief, 10.0, *far)
+    heard_until(belief, 11.0, *near)
+    assert belief.cut_off(13.5, 3.0) is cut_off
+    heard_until(belief, 40.0, *near)
+    assert not belief.cut_off(40.1, 3.0), "long ago: the tree has healed around them"
+
+
+def test_the_half_without_the_lowest_id_is_cut_off() -> None:
+    belief = Belief(4, (1, 2, 3, 4, 5, 6), LocalFrame(Geodetic(-5.06, 151.3, 500.0)))
+    heard_until(belief, 10.0, 1, 2, 3)
+    heard_until(belief, 13.0, 5, 6)
+    assert belief.cut_off(13.5, 3.0)
+
+
+def test_drones_that_have_left_the_survey_are_not_missed(belief: Belief) -> None:
+    heard_until(belief, 10.0, 2, 3, phase=Phase.LANDED)
+    assert not belief.cut_off(13.5, 3.0)
+
+
+def test_while_the_ground_station_is_heard_nobody_is_cut_off(belief: Belief) -> None:
+    heard_until(belief, 10.0, 2, 3)
+    belief.update(12.0, [beat(1)])
+    assert not belief.cut_off(13.5, 3.0)
 
 
 def test_what_a_drone_says_itself_goes_before_what_is_heard_of_it(belief: Belief) -> None:
