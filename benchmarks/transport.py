@@ -16,6 +16,7 @@ from flightstack.topics import STATE, TREE, Topic
 from flightstack.transport.zenoh_transport import ZenohTransport
 from flightstack.wire import DroneState, Phase, TreeState
 from mission.observation import Order, Reading, Scalar, Stage, Wind
+from simvehicle.ports import free_ports
 
 PEERS = 20
 RATE_HZ = 10.0
@@ -82,16 +83,6 @@ node.close()
 """
 
 
-def free_ports(count: int) -> list[int]:
-    probes = [socket.socket() for _ in range(count)]
-    for probe in probes:
-        probe.bind(("127.0.0.1", 0))
-    ports = [probe.getsockname()[1] for probe in probes]
-    for probe in probes:
-        probe.close()
-    return ports
-
-
 def microseconds(action: Callable[[], object], times: int = 2000) -> float:
     """The median of five runs: other processes disturb single ones."""
     runs = []
@@ -119,7 +110,7 @@ def codecs() -> None:
 
 def swarm() -> None:
     """Twenty nodes for some seconds, with this process among them as the one that measures delays."""
-    endpoints = [f"tcp/127.0.0.1:{port}" for port in free_ports(PEERS + 1)]
+    endpoints = [f"tcp/127.0.0.1:{port}" for port in free_ports(socket.SOCK_STREAM, PEERS + 1)]
     processes = [
         subprocess.Popen(
             [sys.executable, "-c", PEER, str(n + 1), endpoints[n], ",".join(endpoints), str(1.0 / RATE_HZ)],

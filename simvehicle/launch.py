@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import datetime
 import pathlib
-import random
 import socket
 import sys
 from collections.abc import Callable
@@ -25,10 +24,10 @@ from flightstack.shared_clock import Cells
 from mission.documents import DocumentError
 from simvehicle.config import EmulatedInstrument, FleetConfig, VehicleSpec
 from simvehicle.dynamics import DRAG_PER_S
+from simvehicle.ports import LOOPBACK, free_ports
 from simvehicle.processes import Processes
 from simvehicle.survey import Survey, SurveyDrone
 
-HOST = "127.0.0.1"
 AGENT_START_WALL_S = 60.0
 """How long agents may take to start before the ground station wonders about them."""
 VEHICLES = "vehicles"
@@ -94,18 +93,18 @@ def plan(survey: Survey, directory: pathlib.Path) -> Plan:
     udp = iter(free_ports(socket.SOCK_DGRAM, 1 + count))
     swarm = config.name
     members = tuple(d.id for d in survey.drones)
-    ground_udp, ground_tcp = next(udp), f"tcp/{HOST}:{next(tcp)}"
+    ground_udp, ground_tcp = next(udp), f"tcp/{LOOPBACK}:{next(tcp)}"
     vehicles, drones, endpoints = [], [], [ground_tcp]
     for index, drone in enumerate(survey.drones):
-        companion, endpoint = next(udp), f"tcp/{HOST}:{next(tcp)}"
-        ports = [(i, f"{HOST}:{next(tcp)}") for i in drone.instruments or ()]
+        companion, endpoint = next(udp), f"tcp/{LOOPBACK}:{next(tcp)}"
+        ports = [(i, f"{LOOPBACK}:{next(tcp)}") for i in drone.instruments or ()]
         vehicles.append(
             VehicleSpec(
                 id=drone.id,
                 flavour=drone.flavour,
                 home_north_m=drone.home_north_m,
                 home_east_m=drone.home_east_m,
-                links=(f"udpout:{HOST}:{companion}", f"udpout:{HOST}:{ground_udp}"),
+                links=(f"udpout:{LOOPBACK}:{companion}", f"udpout:{LOOPBACK}:{ground_udp}"),
                 instruments=tuple(EmulatedInstrument(name=i.name, type=i.type, port=p) for i, p in ports),
                 parameters=drone.parameters,
             )
@@ -116,7 +115,7 @@ def plan(survey: Survey, directory: pathlib.Path) -> Plan:
                 swarm=SwarmConfig(name=swarm, members=members, listen=(endpoint,), connect=tuple(endpoints)),
                 origin=config.origin,
                 autopilot=AutopilotConfig(
-                    link=f"udpin:{HOST}:{companion}",
+                    link=f"udpin:{LOOPBACK}:{companion}",
                     flavour=drone.flavour,
                     parameters=_failsafe_parameters(survey, drone, index),
                 ),
@@ -156,7 +155,7 @@ def plan(survey: Survey, directory: pathlib.Path) -> Plan:
         "station": GROUND_STATION,
         "swarm": SwarmConfig(name=swarm, members=members, listen=(ground_tcp,)),
         "origin": config.origin,
-        "mavlink": {"links": [f"udpin:{HOST}:{ground_udp}"]},
+        "mavlink": {"links": [f"udpin:{LOOPBACK}:{ground_udp}"]},
         "geofence": survey.geofence,
         "alarms": {
             "ceiling_above_home_m": config.limits.ceiling_above_home_m,
@@ -206,52 +205,6 @@ def start(plan: Plan, processes: Processes, commands: Commands = installed) -> N
     for drone in plan.drones:
         name = agent_name(drone.drone)
         processes.start(name, commands("agent", plan.directory / f"{name}.yaml"))
-
-
-def free_ports(kind: socket.SocketKind, count: int) -> list[int]:
-    """Ports that are free on the loopback interface now, all different, for programs that take seconds to open them.
-
-    They are not those that the operating system would choose: it gives those to whoever asks next. On Linux they are
-    reserved against every other caller of this function until this process ends.
-    """
-    ports: list[int] = []
-    for port in random.SystemRandom().sample(_PORTS, len(_PORTS)):
-        if len(ports) == count:
-            return ports
-        if _reserved(port) and _is_free(kind, port):
-            ports.append(port)
-    raise DocumentError(HOST, f"has no {count} free ports from {_PORTS.start}; end other surveys")
-
-
-_PORTS = range(20_000, 32_000)
-"""Below the ports that Linux hands out by itself (net.ipv4.ip_local_port_range: from 32768)."""
-_reservations: set[int] = set()
-
-
-def _reserved(port: int) -> bool:
-    """Reserve a port, of any kind; False if it is reserved already. A name without a file goes with its process."""
-    if sys.platform != "linux":
-        return True
-    if port in _reservations:
-        return False
-    name = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-    try:
-        name.bind(f"\0flightstack-port-{port}")
-    except OSError:
-        name.close()
-        return False
-    name.detach()  # it stays open until the process ends
-    _reservations.add(port)
-    return True
-
-
-def _is_free(kind: socket.SocketKind, port: int) -> bool:
-    with socket.socket(socket.AF_INET, kind) as one:
-        try:
-            one.bind((HOST, port))
-        except OSError:
-            return False
-    return True
 
 
 def _write(path: pathlib.Path, content: object) -> None:

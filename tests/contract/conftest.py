@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import socket
 import time
 from collections.abc import Callable
 
 import pytest
 
-
-def _free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+from simvehicle import ports
 
 
 def _eventually(condition: Callable[[], object], limit_s: float = 20.0) -> None:
@@ -25,8 +20,7 @@ def _eventually(condition: Callable[[], object], limit_s: float = 20.0) -> None:
 
 @pytest.fixture
 def free_port() -> Callable[..., int]:
-    """A port that the operating system has just called free."""
-    return _free_port
+    return ports.free_port
 
 
 @pytest.fixture

@@ -35,6 +35,7 @@ from simvehicle.config import FleetConfig, VehicleSpec
 from simvehicle.dynamics import in_body
 from simvehicle.instruments import Air, make_emulator
 from simvehicle.pace import Pace
+from simvehicle.ports import free_port
 from simvehicle.processes import Processes
 from simvehicle.truth import COLUMNS
 from simvehicle.world import World
@@ -59,7 +60,7 @@ class Monitor:
 
     def __init__(self, spec: VehicleSpec, world: World) -> None:
         self.vehicle = Telemetry(spec.id, world.frame, Flavour.ARDUPILOT)
-        self.link: ByteLink = open_link(f"udpin:{HOST}:{free_port()}")
+        self.link: ByteLink = open_link(f"udpin:{HOST}:{free_port(socket.SOCK_DGRAM)}")
         self._reader = FrameReader(spec.id, STATES, EVENTS)
         self._streams = StreamRequests()
         self._boot_s: float | None = None
@@ -139,12 +140,6 @@ class Member:
             link.close()
 
 
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind((HOST, 0))
-        return int(probe.getsockname()[1])
-
-
 def command_line(
     program: str,
     defaults: str,
@@ -178,7 +173,7 @@ def command_line(
         "--defaults", f"{defaults},{own}" if defaults else str(own),
         "--sysid", str(spec.id),
         "--instance", str(spec.id),
-        "--rc-in-port", str(free_port()),
+        "--rc-in-port", str(free_port(socket.SOCK_DGRAM)),
         *serials,
     ]  # fmt: skip
 

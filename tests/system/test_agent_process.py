@@ -22,7 +22,7 @@ import pytest
 
 from flightstack.link import open_link
 from flightstack.recording import read_recording
-from simvehicle.launch import free_ports
+from simvehicle.ports import free_ports
 
 pytestmark = pytest.mark.system
 

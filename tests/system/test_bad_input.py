@@ -15,7 +15,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.recording import FlightRecorder
-from simvehicle.launch import free_ports
+from simvehicle.ports import free_ports
 
 pytestmark = pytest.mark.system
 

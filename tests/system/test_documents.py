@@ -31,7 +31,7 @@ from typer.testing import CliRunner
 import flightstack.cli
 import gcs.cli
 import simvehicle.cli
-from simvehicle.launch import free_ports
+from simvehicle.ports import free_ports
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(900)]
 

@@ -21,17 +21,12 @@ from flightstack.transport.zenoh_transport import ZenohTransport
 from flightstack.wire import Command, DroneState, Outcome, Phase, Result
 from mission.frames import Geodetic, LocalFrame
 from mission.observation import Scalar, Wind
+from simvehicle.ports import free_port
 
 pytestmark = pytest.mark.system
 
 ORIGIN = Geodetic(-5.06, 151.3, 500.0)
 FRAME = LocalFrame(ORIGIN)
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 class StandIns:

@@ -23,17 +23,12 @@ from flightstack.recording import read_recording
 from flightstack.transport.zenoh_transport import ZenohTransport
 from flightstack.wire import DroneState, Phase
 from mission.frames import Geodetic, LocalFrame
+from simvehicle.ports import free_port
 
 pytestmark = pytest.mark.system
 
 ORIGIN = Geodetic(-5.06, 151.3, 500.0)
 SPEEDUP = 3.0
-
-
-def free_port(kind: socket.SocketKind) -> int:
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @contextlib.contextmanager

@@ -22,6 +22,7 @@ import pytest
 from mission.frames import Geodetic
 from simvehicle.config import FleetConfig, VehicleSpec
 from simvehicle.fleet import Fleet, run
+from simvehicle.ports import free_port
 from simvehicle.vehicle import SimulatedVehicle
 
 pytestmark = [pytest.mark.system, pytest.mark.optional, pytest.mark.timeout(600)]
@@ -111,9 +112,7 @@ class Console:
 
 @pytest.fixture
 def port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    return free_port(socket.SOCK_DGRAM)
 
 
 @pytest.fixture

@@ -16,6 +16,7 @@ import pytest
 from mission.frames import Geodetic
 from simvehicle.config import FleetConfig, VehicleSpec, WindConfig
 from simvehicle.fleet import Fleet, run
+from simvehicle.ports import free_port
 from simvehicle.vehicle import SimulatedVehicle
 
 pytestmark = pytest.mark.system
@@ -56,12 +57,6 @@ def flying(flavour: str, port: int) -> Iterator[SimulatedVehicle]:
     finally:
         stop.set()
         thread.join()
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 async def until(what: str, done: Callable[[], bool], limit_s: float = 40.0) -> None:
@@ -130,7 +125,7 @@ async def connected(port: int, flight: Callable[[Client], Awaitable[None]]) -> N
 
 @pytest.mark.parametrize("flavour", ["ardupilot", "px4"])
 def test_whole_flight(flavour: str) -> None:
-    port = free_port()
+    port = free_port(socket.SOCK_DGRAM)
     with flying(flavour, port) as vehicle:
         asyncio.run(connected(port, lambda client: whole_flight(client, vehicle, flavour)))
 
@@ -328,7 +323,7 @@ async def land(client: Client, vehicle: SimulatedVehicle) -> None:
 @pytest.mark.parametrize("flavour", ["ardupilot", "px4"])
 def test_refusals_reach_the_client(flavour: str) -> None:
     """What cannot be done now is refused at once instead of running into a time-out."""
-    port = free_port()
+    port = free_port(socket.SOCK_DGRAM)
 
     async def refused(client: Client) -> None:
         from mavsdk.plugins.action import ActionError, ActionResult

@@ -14,6 +14,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from simvehicle.ports import free_port
+
 pytestmark = pytest.mark.system
 
 
@@ -48,9 +50,7 @@ def heartbeats(listener: socket.socket, systems: int) -> dict[int, Any]:
 @pytest.mark.parametrize("ending", [signal.SIGTERM, signal.SIGINT])
 def test_easy_form_runs_until_it_is_told_to_end(listener: socket.socket, ending: signal.Signals) -> None:
     port = listener.getsockname()[1]
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        companion = min(64000, probe.getsockname()[1])
+    companion = free_port(socket.SOCK_DGRAM)
     process = start(
         *("--count", "2", "--flavour", "px4", "--speedup", "4", "--json"),
         *("--companion-port", str(companion), "--ground-port", str(port)),

@@ -7,7 +7,6 @@ import contextlib
 import json
 import pathlib
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -16,16 +15,12 @@ from collections.abc import Callable, Iterator, Sequence
 
 import pytest
 
+from simvehicle.ports import free_port
+
 pytestmark = pytest.mark.system
 
 NODE = pathlib.Path(__file__).with_name("zenoh_node.py")
 LIMIT_S = 60.0
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 class NodeProcess:

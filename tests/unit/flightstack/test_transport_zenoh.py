@@ -18,14 +18,13 @@ from flightstack.transport import Received, TransportError
 from flightstack.transport.backlog import KEPT_PER_SENDER, trimmed
 from flightstack.transport.linger import stop_lingering
 from flightstack.transport.zenoh_transport import ZenohTransport
+from simvehicle.ports import free_port
 
 CERTIFICATES = pathlib.Path(__file__).parents[2] / "data" / "tls"
 
 
 def free_endpoint(protocol: str = "tcp") -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"{protocol}/127.0.0.1:{probe.getsockname()[1]}"
+    return f"{protocol}/127.0.0.1:{free_port()}"
 
 
 def eventually(condition: Callable[[], object], limit_s: float = 20.0) -> bool:

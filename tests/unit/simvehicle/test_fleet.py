@@ -15,13 +15,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from mission.frames import Geodetic
 from simvehicle.config import EmulatedInstrument, FaultSpec, FleetConfig, VehicleSpec
 from simvehicle.fleet import Fleet, FleetError
+from simvehicle.ports import free_port
 from simvehicle.truth import COLUMNS, read_tracks
-
-
-def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def config(**changes: Any) -> FleetConfig:

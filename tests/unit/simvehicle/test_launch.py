@@ -15,6 +15,7 @@ from gcs.config import load as load_ground
 from mission.documents import DocumentError, parse
 from simvehicle import launch
 from simvehicle.config import FleetConfig
+from simvehicle.ports import free_ports
 from simvehicle.survey import load
 
 EXAMPLES = pathlib.Path(__file__).parents[3] / "examples"
@@ -22,16 +23,16 @@ NOW = datetime.datetime(2026, 5, 4, 3, 2, 1, tzinfo=datetime.UTC)
 
 
 def test_free_ports_differ() -> None:
-    ports = launch.free_ports(socket.SOCK_DGRAM, 50)
+    ports = free_ports(socket.SOCK_DGRAM, 50)
     assert len(set(ports)) == 50
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere nothing reserves a port")
 def test_no_other_process_gets_a_port_before_it_is_opened() -> None:
     program = (
-        "import socket; from simvehicle.launch import free_ports; print(*free_ports(socket.SOCK_DGRAM, 300))"
+        "import socket; from simvehicle.ports import free_ports; print(*free_ports(socket.SOCK_DGRAM, 300))"
     )
-    own = launch.free_ports(socket.SOCK_STREAM, 300)
+    own = free_ports(socket.SOCK_STREAM, 300)
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     others = [int(word) for word in done.stdout.split()]
     assert len(set(others)) == 300
