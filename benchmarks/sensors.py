@@ -14,6 +14,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from benchmarks import Figures
 from sensors.co2_filter import Co2Filter
 from sensors.figures import band, canvas, raw, save, truth
 from sensors.samples import InstrumentState, Quantity, Sample
@@ -22,9 +23,10 @@ from simvehicle.instruments.study import fly_in_wind, fly_through_plume
 
 RUNS = 200
 UPDATES = 3000
-TARGET_UPDATE_US = 150.0
-TARGET_ERROR_RATIO = 0.40
-TARGET_PEAK_S = 0.3
+UPDATE_US = 150.0
+ERROR_RATIO = 0.40
+PEAK_S = 0.3 + 1e-6
+"""The peak is found on a grid of tenths of a second."""
 CO2_BOUNDS = (0.813, 1.205)
 """95 % bounds of a mean of 200 squares of standard normal numbers (chi squared with 200 degrees of freedom /
 200)."""
@@ -33,12 +35,14 @@ WIND_BOUNDS = (0.866, 1.143)
 
 
 def main() -> None:
-    missed = [name for name, met in (*update_time(), *plume_passes(), *winds()) if not met]
-    if missed:
-        raise SystemExit(f"sensors: missed: {', '.join(missed)}")
+    figures = Figures()
+    update_time(figures)
+    plume_passes(figures)
+    winds(figures)
+    figures.leave()
 
 
-def update_time() -> list[tuple[str, bool]]:
+def update_time(figures: Figures) -> None:
     """One CO2 and one wind update (anemometer and tilt) as an agent makes them, ten times a second."""
     rng = np.random.default_rng(1)
     co2, wind, motion = Co2Filter(), WindFilter(), VehicleMotion((0.05, -0.1, 0.3), (1.0, 2.0, 0.0))
@@ -57,17 +61,15 @@ def update_time() -> list[tuple[str, bool]]:
                 quantity=Quantity.WIND,
             ),
         ]
-        began = time.perf_counter()
+        began = time.process_time()  # what others do on this machine is not ours to measure
         co2.step(now_s, samples)
         wind.step(now_s, samples, motion)
-        times_us.append(1e6 * (time.perf_counter() - began))
-    median_us = float(np.median(times_us))
-    line("one CO2 + one wind update, median", median_us, "us", TARGET_UPDATE_US)
-    line("the same, 99th percentile", float(np.percentile(times_us, 99)), "us")
-    return [("update time", median_us <= TARGET_UPDATE_US)]
+        times_us.append(1e6 * (time.process_time() - began))
+    figures.show("one CO2 + one wind update, median", float(np.median(times_us)), "us", most=UPDATE_US)
+    figures.show("the same, 99th percentile", float(np.percentile(times_us, 99)), "us")
 
 
-def plume_passes() -> list[tuple[str, bool]]:
+def plume_passes(figures: Figures) -> None:
     print(f"plume passes with an SBA-5, {RUNS} seeds")
     passes = [fly_through_plume(seed) for seed in range(RUNS)]
     squared = np.array(
@@ -79,43 +81,24 @@ def plume_passes() -> list[tuple[str, bool]]:
     ratio = float(np.median([p.error_ratio for p in passes]))
     delays = np.abs([p.peak_delay_s for p in passes])
     nees = float(np.mean([p.nees for p in passes]))
-    line("error over raw error, median", ratio, "", TARGET_ERROR_RATIO)
-    line("error over raw error, all together", float(np.sqrt(squared[:, 0].sum() / squared[:, 1].sum())), "")
-    line("error over raw error, 95th perc.", float(np.percentile([p.error_ratio for p in passes], 95)), "")
-    line("peak time off by, median", float(np.median(delays)), "s", TARGET_PEAK_S)
-    line("peak time off by, 95th percentile", float(np.percentile(delays, 95)), "s")
-    line("raw peak late by, median", float(np.median([p.raw_peak_delay_s for p in passes])), "s")
-    return [
-        ("error ratio", ratio <= TARGET_ERROR_RATIO),
-        ("peak time", float(np.median(delays)) <= TARGET_PEAK_S + 1e-6),
-        within("squared normalised error (NEES)", nees, CO2_BOUNDS),
-    ]
+    figures.show("error over raw error, median", ratio, most=ERROR_RATIO)
+    figures.show("error over raw error, all together", math.sqrt(squared[:, 0].sum() / squared[:, 1].sum()))
+    figures.show(
+        "error over raw error, 95th percentile", float(np.percentile([p.error_ratio for p in passes], 95))
+    )
+    figures.show("peak time off by, median", float(np.median(delays)), "s", most=PEAK_S)
+    figures.show("peak time off by, 95th percentile", float(np.percentile(delays, 95)), "s")
+    figures.show("raw peak late by, median", float(np.median([p.raw_peak_delay_s for p in passes])), "s")
+    figures.show("squared normalised error (NEES)", nees, least=CO2_BOUNDS[0], most=CO2_BOUNDS[1])
 
 
-def winds() -> list[tuple[str, bool]]:
-    results = []
+def winds(figures: Figures) -> None:
     for name in (None, "trisonica", "windsonic", "ft205"):
         print(f"wind, {name or 'no anemometer: tilt against drag'}, {RUNS} seeds")
         flights = [fly_in_wind(seed, name) for seed in range(RUNS)]
-        line("error per axis", float(np.sqrt(np.mean([f.error_mps**2 for f in flights]))), "m/s")
-        results.append(
-            within("squared normalised error (NEES)", float(np.mean([f.nees for f in flights])), WIND_BOUNDS)
-        )
-    return results
-
-
-def line(what: str, measured: float, unit: str, target: float | None = None) -> None:
-    verdict = (
-        "" if target is None else f"target {target:g}: {'ok' if measured <= target + 1e-6 else 'MISSED'}"
-    )
-    print(f"  {what:<36} {measured:9.3f} {unit:<4} {verdict}", flush=True)
-
-
-def within(what: str, measured: float, bounds: tuple[float, float]) -> tuple[str, bool]:
-    met = bounds[0] <= measured <= bounds[1]
-    verdict = f"95 % bounds {bounds[0]:g} to {bounds[1]:g}: {'ok' if met else 'MISSED'}"
-    print(f"  {what:<36} {measured:9.3f} {'':<4} {verdict}", flush=True)
-    return what, met
+        figures.show("error per axis", float(np.sqrt(np.mean([f.error_mps**2 for f in flights]))), "m/s")
+        nees = float(np.mean([f.nees for f in flights]))
+        figures.show("squared normalised error (NEES)", nees, least=WIND_BOUNDS[0], most=WIND_BOUNDS[1])
 
 
 def plots(directory: pathlib.Path) -> None:
