@@ -133,17 +133,27 @@ def open_shell(config: DroneConfig, clock: Clock, file: str = "configuration") -
 
 
 class Stop:
-    """Signals, remembered: the first one in the air brings the drone home, the second ends the agent."""
+    """Signals, remembered: the first one in the air brings the drone home, the second ends the agent.
+
+    A hang-up is no order to come home: the terminal that the agent was started from is gone, because a radio was. The
+    flight goes on without it, and the agent ends when it has nothing in the air.
+    """
 
     def __init__(self) -> None:
         self.count = 0
+        self.hung_up = False
 
     def install(self) -> None:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._on_signal)
+        if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as nohup wants it
+            signal.signal(signal.SIGHUP, self._on_hang_up)
 
     def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
         self.count += 1
+
+    def _on_hang_up(self, _number: int, _frame: FrameType | None) -> None:
+        self.hung_up = True
 
 
 def run(config: DroneConfig, *, file: str = "configuration") -> int:
@@ -187,7 +197,7 @@ def _loop(agent: Agent, shell: Shell, recorder: FlightRecorder, clock: Clock, st
         clock.sleep_until(due_s)
         inputs = shell.gather(deadlines.late)
         vehicle = agent.session.report
-        if stop.count > 1 or (stop.count and _may_end(agent)):
+        if stop.count > 1 or ((stop.count or stop.hung_up) and _may_end(agent)):
             break
         if stop.count and not told:
             told = True

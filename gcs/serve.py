@@ -28,7 +28,7 @@ LEVELS = {Severity.INFO: logging.INFO, Severity.WARNING: logging.WARNING, Severi
 
 
 class Stop:
-    """SIGINT and SIGTERM, remembered until the tick is done."""
+    """SIGINT, SIGTERM and SIGHUP, remembered until the tick is done."""
 
     def __init__(self) -> None:
         self.asked = False
@@ -36,6 +36,8 @@ class Stop:
     def install(self) -> None:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._on_signal)
+        if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as nohup wants it
+            signal.signal(signal.SIGHUP, self._on_signal)
 
     def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
         self.asked = True

@@ -235,6 +235,19 @@ def test_the_second_signal_ends_the_agent_at_once(rig: Rig) -> None:
     rig.replay()
 
 
+def test_a_terminal_that_is_closed_does_not_end_a_flight(rig: Rig) -> None:
+    """A radio that fails takes the operator's remote shell with it."""
+    rig.fly()
+    rig.agent.send_signal(signal.SIGHUP)
+    rig.let_pass(5.0)
+    assert rig.agent.poll() is None
+    assert rig.vehicle_flies()
+    rig.command("abort")
+    assert rig.agent.wait(120.0) == 0
+    assert "landed: " in rig.log.read_text()
+    rig.replay()
+
+
 def test_an_agent_killed_in_flight_leaves_its_recording_and_its_successor_obeys(rig: Rig) -> None:
     rig.fly()
     killed_at_s = time.time()
