@@ -9,7 +9,7 @@ from flightstack.config import DroneConfig, FormationConfig, LimitsConfig
 from flightstack.link import LinkError, check_link
 from flightstack.sensing import co2_settings, wind_settings
 from flightstack.transport.endpoints import endpoint_problems
-from mission.documents import DocumentError, line_of, parse
+from mission.documents import DocumentError, line_of, parse, read_text
 from mission.formation import make_layout
 from mission.frames import LocalFrame
 from mission.geofence import LocalFence
@@ -24,11 +24,7 @@ FASTEST = 100.0
 
 def load(path: str | pathlib.Path) -> DroneConfig:
     """Read and check a drone's file. `DocumentError` says in one line what is wrong and how to mend it."""
-    file = str(path)
-    try:
-        text = pathlib.Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise DocumentError(file, f"cannot be read: {error}") from error
+    file, text = str(path), read_text(path)
     config = parse(text, DroneConfig, file)
     for field, problem in problems(config):
         raise DocumentError(file, problem, line=line_of(text, field), field=field)

@@ -11,7 +11,7 @@ from msgspec import Meta
 from flightstack.config import Fraction, NotNegative, Positive, Section, SharedClockConfig, SwarmConfig
 from flightstack.link import LinkError, check_link
 from flightstack.transport.endpoints import endpoint_problems
-from mission.documents import DocumentError, line_of, parse
+from mission.documents import DocumentError, line_of, parse, read_text
 from mission.frames import Geodetic
 from mission.geofence import Geofence
 
@@ -76,11 +76,7 @@ class GroundConfig(Section, frozen=True, kw_only=True):
 
 def load(path: str | pathlib.Path) -> GroundConfig:
     """Read and check a ground station's file. `DocumentError` says in one line what is wrong where."""
-    file = str(path)
-    try:
-        text = pathlib.Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise DocumentError(file, f"cannot be read: {error}") from error
+    file, text = str(path), read_text(path)
     config = parse(text, GroundConfig, file)
     for field, problem in problems(config):
         raise DocumentError(file, problem, line=line_of(text, field), field=field)

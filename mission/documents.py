@@ -80,6 +80,16 @@ _Loader.add_constructor("tag:yaml.org,2002:float", _float)
 _Loader.add_constructor("tag:yaml.org,2002:int", _int)
 
 
+def read_text(path: str | pathlib.Path) -> str:
+    """The UTF-8 text of a file, without a byte order mark. `DocumentError` says why it cannot be read."""
+    try:
+        return pathlib.Path(path).read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise DocumentError(str(path), f"cannot be read: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise DocumentError(str(path), "cannot be read: it is not UTF-8 text") from error
+
+
 def parse(text: str, kind: type[T], file: str) -> T:
     """Read YAML `text` (of the file named `file`) as a `kind`, a msgspec struct that forbids unknown fields."""
     try:

@@ -15,7 +15,7 @@ from typing import Any
 
 import msgspec
 
-from mission.documents import DocumentError
+from mission.documents import DocumentError, read_text
 from mission.frames import Geodetic
 from mission.geofence import Circle, Geofence, Vertex
 
@@ -60,11 +60,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
 
 def read_plan(path: str | pathlib.Path) -> Plan:
     """Read a .plan or waypoint file, whichever its content says. `DocumentError` tells what is wrong."""
-    file = str(path)
-    try:
-        text = pathlib.Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise DocumentError(file, f"cannot be read: {error}") from error
+    file, text = str(path), read_text(path)
     return parse_waypoints(text, file) if text.lstrip().startswith("QGC WPL") else parse_plan(text, file)
 
 

@@ -109,14 +109,10 @@ def run(
 
 
 def _read(path: pathlib.Path) -> FleetConfig:
-    from mission.documents import DocumentError, parse
+    from mission.documents import parse, read_text
     from simvehicle.config import FleetConfig
 
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise DocumentError(str(path), f"cannot be read: {error}") from error
-    return parse(text, FleetConfig, str(path))
+    return parse(read_text(path), FleetConfig, str(path))
 
 
 def _announce(config: FleetConfig, *, as_json: bool) -> None:

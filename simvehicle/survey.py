@@ -26,7 +26,7 @@ from flightstack.config import (
     SwarmConfig,
 )
 from flightstack.config_file import problems
-from mission.documents import DocumentError, line_of, parse
+from mission.documents import DocumentError, line_of, parse, read_text
 from mission.frames import Geodetic, LocalFrame, wind_from
 from mission.geofence import Circle, Geofence, LocalFence, Vertex
 from mission.plan_file import read_plan
@@ -141,13 +141,7 @@ def load(
 
     `DocumentError` says in one line what is wrong, where, and how to mend it.
     """
-    file = str(path)
-    try:
-        text = pathlib.Path(path).read_text(encoding="utf-8")
-    except OSError as error:
-        raise DocumentError(file, f"cannot be read: {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise DocumentError(file, "cannot be read: it is not UTF-8 text") from error
+    file, text = str(path), read_text(path)
     config = parse(text, SurveyConfig, file)
     config = msgspec.structs.replace(
         config,
