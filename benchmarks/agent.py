@@ -17,10 +17,10 @@ import numpy as np
 
 from benchmarks import Figures
 from flightstack.agent import Agent, Inputs, Outputs
-from flightstack.wire import CommandName
-from simvehicle.launch import plan
-from simvehicle.scenario import Scenario
-from simvehicle.survey import load
+from flightstack.swarm.wire import CommandName
+from simvehicle.scenario.swarm import Scenario
+from simvehicle.survey.launch import plan
+from simvehicle.survey.survey_file import load
 
 DRONES = 20
 WATCHED = 7

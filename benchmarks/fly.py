@@ -21,7 +21,17 @@ def main() -> None:
     with (
         tempfile.TemporaryDirectory() as out,
         subprocess.Popen(
-            [sys.executable, "-m", "simvehicle.cli", "fly", SURVEY, "--json", "--no-report", "--out", out],
+            [
+                sys.executable,
+                "-m",
+                "simvehicle.cli.main",
+                "fly",
+                SURVEY,
+                "--json",
+                "--no-report",
+                "--out",
+                out,
+            ],
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             text=True,

@@ -15,10 +15,10 @@ from collections.abc import Callable
 import numpy as np
 
 from benchmarks import Figures
-from sensors.co2_filter import Co2Filter
-from sensors.figures import band, canvas, raw, save, truth
-from sensors.samples import InstrumentState, Quantity, Sample
-from sensors.wind_filter import VehicleMotion, WindFilter
+from sensors.filters.co2_filter import Co2Filter
+from sensors.filters.estimate_plots import band, canvas, raw, save, truth
+from sensors.filters.wind_filter import VehicleMotion, WindFilter
+from sensors.instruments.samples import InstrumentState, Quantity, Sample
 from simvehicle.instruments.study import fly_in_wind, fly_through_plume
 
 RUNS = 200

@@ -11,12 +11,12 @@ import time
 from collections.abc import Callable
 
 from benchmarks import Figures
-from flightstack import named_json
-from flightstack.topics import STATE, TREE, Topic
+from flightstack.recording import named_json
+from flightstack.swarm.topics import STATE, TREE, Topic
+from flightstack.swarm.wire import DroneState, Phase, TreeState
 from flightstack.transport.zenoh_transport import ZenohTransport
-from flightstack.wire import DroneState, Phase, TreeState
-from mission.observation import Order, Reading, Scalar, Stage, Wind
-from simvehicle.ports import free_ports
+from mission.strategies.contract import Order, Reading, Scalar, Stage, Wind
+from simvehicle.survey.ports import free_ports
 
 PEERS = 20
 RATE_HZ = 10.0
@@ -61,7 +61,7 @@ TREE_MESSAGE = TreeState(
 
 PEER = """
 import resource, struct, sys, time
-from flightstack.topics import STATE
+from flightstack.swarm.topics import STATE
 from flightstack.transport.zenoh_transport import ZenohTransport
 name, own, endpoints, period_s = sys.argv[1], sys.argv[2], sys.argv[3].split(","), float(sys.argv[4])
 node = ZenohTransport("bench", name, (own,), endpoints, (STATE,))

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import Figures
-from simvehicle.experiments.definitions import Options, define
+from simvehicle.experiments.locus.definitions import Options, define
 from simvehicle.experiments.run import usual_jobs
 from simvehicle.trials.batch import spread
 from simvehicle.trials.cell import STRATEGIES, Cell
@@ -49,7 +49,9 @@ def _cpu_s(cell: Cell, trials: int, repeats: int = 3) -> tuple[float, float]:
 
 def _reference() -> Any:
     """The step-by-step engine, which stays with the tests."""
-    path = pathlib.Path(__file__).parents[1] / "tests" / "unit" / "simvehicle" / "trials_reference.py"
+    path = (
+        pathlib.Path(__file__).parents[1] / "tests" / "unit" / "simvehicle" / "trials" / "trials_reference.py"
+    )
     spec = importlib.util.spec_from_file_location("trials_reference", path)
     if spec is None or spec.loader is None:
         raise FileNotFoundError(path)

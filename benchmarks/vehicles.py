@@ -13,10 +13,10 @@ from typing import Any, Literal
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from benchmarks import Figures
-from mission.frames import Geodetic
-from simvehicle.config import FleetConfig, VehicleSpec, WindConfig
-from simvehicle.vehicle import SimulatedVehicle
-from simvehicle.worlds import make_world
+from mission.geometry.frames import Geodetic
+from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec, WindConfig
+from simvehicle.vehicle.simulated_vehicle import SimulatedVehicle
+from simvehicle.world.configured import make_world
 
 _COMPANION_HZ = {30: 10, 33: 10, 32: 10, 1: 1, 24: 1, 245: 2, 147: 1, 193: 1, 168: 1, 242: 0.5}
 _GROUND_HZ = {33: 2, 30: 2, 1: 1, 245: 1, 242: 0.5}

@@ -13,26 +13,27 @@ import math
 import msgspec
 import numpy as np
 
-from flightstack import topics
 from flightstack.autopilot import AutopilotSession, VehicleReport
-from flightstack.autopilot_relay import AutopilotRelay, motion
-from flightstack.belief import Belief
 from flightstack.config import DroneConfig
-from flightstack.deciding import consult
-from flightstack.guard import Guard, Guarded, PositionTarget
-from flightstack.guidance import over_the_top, underneath
-from flightstack.homecoming import Homecoming, Leaving
-from flightstack.launch_point import unfit
-from flightstack.phase import IN_FORMATION, Ask, FlightPhase, Note, PhaseStep, SwarmFacts, VehicleFacts
-from flightstack.sensing import PortInput, Sensed, Sensing
-from flightstack.swarm_tree import SwarmTree, TreeNews
-from flightstack.telling import Telling
+from flightstack.flight.guard import Guard, Guarded, PositionTarget
+from flightstack.flight.guidance import over_the_top, underneath
+from flightstack.flight.homecoming import Homecoming, Leaving
+from flightstack.flight.launch_point import unfit
+from flightstack.flight.phase import IN_FORMATION, Ask, FlightPhase, Note, PhaseStep, SwarmFacts, VehicleFacts
+from flightstack.flight.strategy_call import consult
+from flightstack.sensing.autopilot_relay import AutopilotRelay, motion
+from flightstack.sensing.filter_stage import PortInput, Sensed, Sensing
+from flightstack.swarm import topics
+from flightstack.swarm.announcements import Announcements
+from flightstack.swarm.peers import Belief
+from flightstack.swarm.tree_protocol import SwarmTree, TreeNews
+from flightstack.swarm.wire import Event, Phase, Severity
 from flightstack.transport import Received
-from flightstack.wire import Event, Phase, Severity
-from mission.formation import make_layout, rotated
-from mission.frames import LocalFrame, Vector3
-from mission.geofence import LocalFence
-from mission.observation import (
+from mission.geometry.formation import make_layout, rotated
+from mission.geometry.frames import LocalFrame, Vector3
+from mission.geometry.geofence import LocalFence
+from mission.strategies.arrival import Arrival
+from mission.strategies.contract import (
     Decision,
     GoTo,
     Hold,
@@ -44,8 +45,7 @@ from mission.observation import (
     Strategy,
     TreePlace,
 )
-from mission.search import make
-from mission.search.arrival import Arrival
+from mission.strategies.registry import make
 
 AT_SLOT_M = 1.2
 
@@ -92,7 +92,9 @@ class Agent:
         self.frame = LocalFrame(config.origin)
         self.phase = FlightPhase(config.drone)
         self.session = AutopilotSession(config.drone, self.frame, config.autopilot)
-        self._telling = Telling(config.drone, incarnation, self.frame.identity, 1.0 / config.tick_hz)
+        self._announcements = Announcements(
+            config.drone, incarnation, self.frame.identity, 1.0 / config.tick_hz
+        )
         self._belief = Belief(config.drone, config.swarm.members, self.frame)
         self._sensing = Sensing(config.instruments, config.filters)
         self._relay = AutopilotRelay(config.instruments)
@@ -165,7 +167,10 @@ class Agent:
     def comes_second(self) -> bool:
         """Another agent that was running before this one says that it is this drone."""
         twin = self._belief.twin
-        return twin is not None and (twin.ticks, twin.incarnation) > (self._ticks, self._telling.incarnation)
+        return twin is not None and (twin.ticks, twin.incarnation) > (
+            self._ticks,
+            self._announcements.incarnation,
+        )
 
     # -- tree --------------------------------------------------------------------------------------------------
 
@@ -371,7 +376,7 @@ class Agent:
     ) -> Outputs:
         if phase.phase in IN_FORMATION and sensed.excess_co2_ppm is not None:
             self._best_ppm = max(self._best_ppm or 0.0, sensed.excess_co2_ppm.mean)
-        telling = self._telling
+        telling = self._announcements
         events = telling.events(notes)
         peers = [(topics.EVENT.name, topics.EVENT.codec.encode(event)) for event in events]
         peers += [(topics.OUTCOME.name, topics.OUTCOME.codec.encode(outcome)) for outcome in phase.outcomes]

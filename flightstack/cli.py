@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from mission.documents import DocumentError
+from mission.documents.yaml_file import DocumentError
 
 app = typer.Typer(
     help="The agent on a drone's companion computer.", no_args_is_help=True, pretty_exceptions_enable=False
@@ -47,7 +47,7 @@ def replay(
     ],
 ) -> None:
     """Fly recorded flights again and compare every tick with the recorded one; exit code 1 if any differs."""
-    from flightstack.replay import replay as replay_flight
+    from flightstack.recording.replay import replay as replay_flight
 
     differing = 0
     for recording in recordings:
@@ -65,7 +65,7 @@ def replay(
 
 
 def _mount_sensors() -> None:
-    from flightstack.sensors_cli import app as sensors_app
+    from flightstack.sensing.bench_cli import app as sensors_app
 
     app.add_typer(sensors_app, name="sensors")
 
@@ -76,9 +76,9 @@ _mount_sensors()
 def main() -> None:
     """Entry point: what a user can get wrong ends in one line and exit code 2."""
     from flightstack.errors import FlightstackError
-    from flightstack.link import LinkError
+    from flightstack.mavlink.link import LinkError
     from flightstack.transport import TransportError
-    from sensors.errors import SensorError
+    from sensors.instruments.sensor_error import SensorError
 
     try:
         app(standalone_mode=True)

@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
-from mission.frames import Geodetic
-from mission.geofence import Geofence
+from mission.geometry.frames import Geodetic
+from mission.geometry.geofence import Geofence
 
 Positive = Annotated[float, Meta(gt=0.0)]
 NotNegative = Annotated[float, Meta(ge=0.0)]
@@ -71,9 +71,9 @@ class FiltersConfig(Section, frozen=True, kw_only=True):
     """What the filters know better than the data sheets: values that `flightstack sensors tune` printed."""
 
     co2: dict[str, Any] = {}
-    """Fields of `sensors.co2_model.Co2FilterConfig`: lag_s, noise_ppm, background_co2_ppm, …"""
+    """Fields of `sensors.filters.co2_model.Co2FilterConfig`: lag_s, noise_ppm, background_co2_ppm, …"""
     wind: dict[str, Any] = {}
-    """Fields of `sensors.wind_config.WindFilterConfig`: drag, gust_sd_mps, anemometer_arms_body_m, …"""
+    """Fields of `sensors.filters.wind_config.WindFilterConfig`: drag, gust_sd_mps, anemometer_arms_body_m, …"""
 
 
 class FormationConfig(Section, frozen=True, kw_only=True):
@@ -117,7 +117,7 @@ class StrategyConfig(Section, frozen=True, kw_only=True):
 
 
 class SharedClockConfig(Section, frozen=True, kw_only=True):
-    """The clock of a simulated flight; see `flightstack.shared_clock`."""
+    """The clock of a simulated flight; see `flightstack.recording.shared_clock`."""
 
     file: str
     slot: Annotated[int, Meta(ge=1)]

@@ -6,20 +6,20 @@ import pathlib
 from collections.abc import Iterator
 
 from flightstack.config import DroneConfig, FormationConfig, LimitsConfig
-from flightstack.link import LinkError, check_link
-from flightstack.sensing import co2_settings, wind_settings
+from flightstack.mavlink.link import LinkError, check_link
+from flightstack.sensing.filter_stage import co2_settings, wind_settings
 from flightstack.transport.endpoints import endpoint_problems
-from mission.documents import DocumentError, line_of, parse, read_text
-from mission.formation import make_layout
-from mission.frames import LocalFrame
-from mission.geofence import LocalFence
-from mission.search import make
-from sensors.errors import SensorError
-from sensors.instruments import make_instrument
-from sensors.port import check_port
+from mission.documents.yaml_file import DocumentError, line_of, parse, read_text
+from mission.geometry.formation import make_layout
+from mission.geometry.frames import LocalFrame
+from mission.geometry.geofence import LocalFence
+from mission.strategies.registry import make
+from sensors.instruments.registry import make_instrument
+from sensors.instruments.sensor_error import SensorError
+from sensors.serial.port import check_port
 
 FASTEST = 100.0
-"""Largest speed-up; `flightstack.clock` refuses more."""
+"""Largest speed-up; `flightstack.recording.clock` refuses more."""
 
 
 def load(path: str | pathlib.Path) -> DroneConfig:

@@ -19,21 +19,21 @@ from types import FrameType
 
 import msgspec
 
-from flightstack import topics
 from flightstack.agent import Agent, Inputs, Outputs, PeerMessage
-from flightstack.belief import RECEIVED_BY_DRONES
-from flightstack.clock import Clock, make_clock
 from flightstack.config import DroneConfig
-from flightstack.link import ByteLink, LinkError, open_link
-from flightstack.recording import FlightRecorder, RecordingError, unused
-from flightstack.sensing import PortInput
+from flightstack.mavlink.link import ByteLink, LinkError, open_link
+from flightstack.recording.clock import Clock, make_clock
+from flightstack.recording.recorder import FlightRecorder, RecordingError, unused
+from flightstack.sensing.filter_stage import PortInput
+from flightstack.swarm import topics
+from flightstack.swarm.peers import RECEIVED_BY_DRONES
+from flightstack.swarm.wire import Command, CommandName, Phase, Severity
 from flightstack.transport import Transport, TransportError
 from flightstack.transport.endpoints import faulty_field
 from flightstack.transport.zenoh_transport import ZenohTransport
-from flightstack.wire import Command, CommandName, Phase, Severity
-from mission.documents import fault_of
-from sensors.instruments import instrument_type
-from sensors.port import InstrumentPort
+from mission.documents.yaml_file import fault_of
+from sensors.instruments.registry import instrument_type
+from sensors.serial.port import InstrumentPort
 
 log = logging.getLogger("flightstack")
 

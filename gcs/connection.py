@@ -8,15 +8,15 @@ import secrets
 import socket
 from collections.abc import Sequence
 
-from flightstack.clock import WallClock
 from flightstack.config import TlsConfig
-from flightstack.topics import GROUND, TOPICS
+from flightstack.recording.clock import WallClock
+from flightstack.swarm.topics import GROUND, TOPICS
 from flightstack.transport import Transport
-from gcs.config import AlarmLimits, GroundConfig, load
 from gcs.errors import GroundError
-from gcs.plans import load_fence
-from mission.frames import LocalFrame
-from mission.geofence import Geofence, LocalFence
+from gcs.plans.checks import load_fence
+from gcs.station_config import AlarmLimits, GroundConfig, load
+from mission.geometry.frames import LocalFrame
+from mission.geometry.geofence import Geofence, LocalFence
 
 RECEIVED = tuple(topic for topic in TOPICS.values() if topic is not GROUND)
 """What a ground station listens to."""

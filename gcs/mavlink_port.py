@@ -7,8 +7,8 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.autopilot.modes import mode_of, set_mode_parameters
-from gcs.orphans import ModeRequest
-from gcs.vehicles import Source
+from gcs.fleet.orphans import ModeChange
+from gcs.fleet.vehicles import Source
 
 COMPONENT = mavlink.MAV_COMP_ID_MISSIONPLANNER
 """190: what ground stations use."""
@@ -47,7 +47,7 @@ class MavlinkPort:
             )
         )
 
-    def set_mode(self, request: ModeRequest) -> bytes:
+    def set_mode(self, request: ModeChange) -> bytes:
         parameters = set_mode_parameters(request.flavour, mode_of(request.flavour, request.duty))
         return self._command(
             request.source, mavlink.MAV_CMD_DO_SET_MODE, parameters, confirmation=request.confirmation

@@ -9,25 +9,25 @@ import pathlib
 import signal
 from types import FrameType
 
-from flightstack.clock import Clock, make_clock
-from flightstack.link import ByteLink, LinkError, open_link
-from flightstack.recording import FlightRecorder, RecordingError, TlogWriter
+from flightstack.mavlink.link import ByteLink, LinkError, open_link
+from flightstack.recording.clock import Clock, make_clock
+from flightstack.recording.recorder import FlightRecorder, RecordingError, TlogWriter
+from flightstack.swarm.wire import Severity
 from flightstack.transport import TransportError
 from flightstack.transport.endpoints import faulty_field
 from flightstack.transport.zenoh_transport import ZenohTransport
-from flightstack.wire import Severity
-from gcs.config import GroundConfig
 from gcs.connection import RECEIVED
-from gcs.plans import load_fence
+from gcs.plans.checks import load_fence
 from gcs.station import Station, StationOutputs
-from mission.documents import fault_of
+from gcs.station_config import GroundConfig
+from mission.documents.yaml_file import fault_of
 
 log = logging.getLogger("gcs")
 
 LEVELS = {Severity.INFO: logging.INFO, Severity.WARNING: logging.WARNING, Severity.CRITICAL: logging.ERROR}
 
 
-class Stop:
+class StopSignal:
     """SIGINT, SIGTERM and SIGHUP, remembered until the tick is done."""
 
     def __init__(self) -> None:
@@ -93,7 +93,7 @@ class Recordings:
 
 def serve(config: GroundConfig, file: pathlib.Path) -> int:
     """Run until a signal; returns the exit code. What cannot be opened raises with one clear line."""
-    stop = Stop()
+    stop = StopSignal()
     stop.install()
     clock = make_clock(config.speedup, config.clock)
     station = Station(config, load_fence(config, file), clock.now_s())
@@ -153,7 +153,7 @@ def _loop(
     transport: ZenohTransport,
     links: list[ByteLink],
     recordings: Recordings,
-    stop: Stop,
+    stop: StopSignal,
 ) -> None:
     period_s = 1.0 / config.tick_hz
     due_s = clock.now_s()

@@ -10,10 +10,9 @@ from typing import Any
 
 import msgspec
 
-from flightstack import topics
-from flightstack.topics import Topic
-from flightstack.transport import Received
-from flightstack.wire import (
+from flightstack.swarm import topics
+from flightstack.swarm.topics import Topic
+from flightstack.swarm.wire import (
     Command,
     Event,
     GroundBeat,
@@ -22,16 +21,17 @@ from flightstack.wire import (
     Traffic,
     TrafficVehicle,
 )
-from gcs.config import GroundConfig
-from gcs.fleet import FleetView
+from flightstack.transport import Received
+from gcs.fleet.monitor import Monitor, on_the_wire
+from gcs.fleet.orphans import OrphanKeeper
+from gcs.fleet.proxy import CommandProxy
+from gcs.fleet.vehicles import Component
+from gcs.fleet.view import FleetView
 from gcs.mavlink_port import MavlinkPort
-from gcs.monitor import Monitor, on_the_wire
-from gcs.orphans import OrphanKeeper
-from gcs.proxy import CommandProxy
-from gcs.streams import StreamAsker
-from gcs.vehicles import Component
-from mission.frames import LocalFrame
-from mission.geofence import Geofence, LocalFence
+from gcs.message_requests import StreamAsker
+from gcs.station_config import GroundConfig
+from mission.geometry.frames import LocalFrame
+from mission.geometry.geofence import Geofence, LocalFence
 
 HEARTBEAT_HZ = 1.0
 TRAFFIC_POSITION_MAX_AGE_S = 5.0

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from flightstack.autopilot.modes import Flavour
 from flightstack.autopilot.report import StatusText, TakenBy, VehicleReport
-from flightstack.autopilot.requests import Outcome, RequestKind, RequestResult
+from flightstack.autopilot.requests import RequestKind, RequestOutcome, RequestResult
 from flightstack.autopilot.session import AutopilotSession
 
 __all__ = [
     "AutopilotSession",
     "Flavour",
-    "Outcome",
     "RequestKind",
+    "RequestOutcome",
     "RequestResult",
     "StatusText",
     "TakenBy",

@@ -8,19 +8,19 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flightstack.autopilot.exchanges import Answer, CommandExchange, ModeExchange
 from flightstack.autopilot.modes import Duty, Flavour
 from flightstack.autopilot.requests import (
     ARMED_WITHIN_S,
     PRESS_DOWN,
     STREAM_BEFORE_OFFBOARD_S,
     TEXTS_AFTER_S,
-    Outcome,
     Prepare,
     Request,
     RequestKind,
+    RequestOutcome,
 )
-from flightstack.autopilot.telemetry import Telemetry
+from flightstack.mavlink.exchanges import Answer, CommandExchange, ModeExchange
+from flightstack.mavlink.telemetry import Telemetry
 
 ARM_AGAIN_S = 2.0
 
@@ -74,7 +74,9 @@ class Arm(Request):
             return []
         if now_s - self.started_s > self._ready_timeout_s:
             why = vehicle.unready_reason(now_s) or self.complaint or "the autopilot gave no reason"
-            self.end(now_s, Outcome.TIMED_OUT, f"not armed within {self._ready_timeout_s:.0f} s: {why}")
+            self.end(
+                now_s, RequestOutcome.TIMED_OUT, f"not armed within {self._ready_timeout_s:.0f} s: {why}"
+            )
             return []
         if vehicle.flavour is Flavour.PX4:
             self.target = PRESS_DOWN
@@ -99,16 +101,16 @@ class Arm(Request):
 
     def _armed(self, now_s: float, vehicle: Telemetry) -> None:
         if vehicle.is_ours or self._asked:
-            self.end(now_s, Outcome.SUCCEEDED)
+            self.end(now_s, RequestOutcome.SUCCEEDED)
         else:
-            self.end(now_s, Outcome.REFUSED, "somebody else armed the vehicle and has it")
+            self.end(now_s, RequestOutcome.REFUSED, "somebody else armed the vehicle and has it")
 
     def _preparing(self, now_s: float, vehicle: Telemetry) -> list[Any]:
         if self.prepare is None:
             return []
         sent = self.prepare.step(now_s, vehicle)
         result = self.prepare.result
-        if result is not None and result.outcome is not Outcome.SUCCEEDED:
+        if result is not None and result.outcome is not RequestOutcome.SUCCEEDED:
             self.end(now_s, result.outcome, result.reason)
         elif result is not None:
             self._step = ArmStep.READY

@@ -7,7 +7,7 @@ import enum
 import msgspec
 
 from flightstack.autopilot.modes import Flavour
-from mission.frames import Vector3
+from mission.geometry.frames import Vector3
 
 
 class TakenBy(enum.StrEnum):

@@ -13,10 +13,10 @@ from typing import Any
 import msgspec
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flightstack.autopilot.exchanges import Answer, CommandExchange, ModeExchange, ParameterExchange
 from flightstack.autopilot.modes import Duty, Flavour
-from flightstack.autopilot.telemetry import Telemetry
-from mission.frames import Vector3
+from flightstack.mavlink.exchanges import Answer, CommandExchange, ModeExchange, ParameterExchange
+from flightstack.mavlink.telemetry import Telemetry
+from mission.geometry.frames import Vector3
 
 TEXTS_AFTER_S = 1.0
 """ArduPilot's reasons follow its refusal: that long is listened for them."""
@@ -41,7 +41,7 @@ class RequestKind(enum.StrEnum):
     DISARM = "disarm"
 
 
-class Outcome(enum.StrEnum):
+class RequestOutcome(enum.StrEnum):
     SUCCEEDED = "succeeded"
     REFUSED = "refused"
     """The autopilot said no, or the request makes no sense in this state."""
@@ -58,7 +58,7 @@ class Outcome(enum.StrEnum):
 
 class RequestResult(msgspec.Struct, frozen=True):
     kind: RequestKind
-    outcome: Outcome
+    outcome: RequestOutcome
     reason: str
     """Why it failed, in one line; empty where it succeeded."""
     took_s: float
@@ -71,13 +71,13 @@ class Position(msgspec.Struct, frozen=True):
     yaw_rad: float | None = None
 
 
-class Velocity(msgspec.Struct, frozen=True):
+class VelocityRequest(msgspec.Struct, frozen=True):
     velocity_ned_mps: Vector3
     yaw_rad: float | None = None
 
 
-Target = Position | Velocity
-PRESS_DOWN = Velocity((0.0, 0.0, PRESS_DOWN_MPS))
+Target = Position | VelocityRequest
+PRESS_DOWN = VelocityRequest((0.0, 0.0, PRESS_DOWN_MPS))
 """What PX4 gets in Offboard on the ground: a point at the present height may read as a wish to climb."""
 
 
@@ -119,10 +119,10 @@ class Request:
         blind = not vehicle.is_connected(now_s) and self.needs_answers
         if blind or vehicle.flavour is Flavour.UNKNOWN:
             if now_s - self.started_s > self._patience_s():
-                self.end(now_s, Outcome.NO_ANSWER, vehicle.unready_reason(now_s))
+                self.end(now_s, RequestOutcome.NO_ANSWER, vehicle.unready_reason(now_s))
             return []
         if self.needs_vehicle and vehicle.authority.takeovers != self._takeovers:
-            self.end(now_s, Outcome.TAKEN, vehicle.authority.taken_reason)
+            self.end(now_s, RequestOutcome.TAKEN, vehicle.authority.taken_reason)
             return []
         return self._go_on(now_s, vehicle)
 
@@ -132,13 +132,13 @@ class Request:
     def _go_on(self, now_s: float, vehicle: Telemetry) -> list[Any]:
         raise NotImplementedError
 
-    def end(self, now_s: float, outcome: Outcome, reason: str = "") -> None:
+    def end(self, now_s: float, outcome: RequestOutcome, reason: str = "") -> None:
         if self.result is None:
             self.result = RequestResult(self.kind, outcome, reason, now_s - self.started_s)
 
     def fail(self, now_s: float, answer: Answer, reason: str) -> None:
         """End by an exchange that was refused or not answered; the autopilot's texts say why."""
-        outcome = Outcome.NO_ANSWER if answer is Answer.SILENCE else Outcome.REFUSED
+        outcome = RequestOutcome.NO_ANSWER if answer is Answer.SILENCE else RequestOutcome.REFUSED
         self.end(now_s, outcome, "; ".join(self._texts) or reason)
 
     def text(self, severity: int, text: str) -> None:
@@ -184,9 +184,9 @@ class Prepare(Request):
             if exchange.answer is not Answer.ACCEPTED:
                 self._failed.append(exchange.reason)
         if self._failed:
-            self.end(now_s, Outcome.REFUSED, "parameters: " + "; ".join(self._failed))
+            self.end(now_s, RequestOutcome.REFUSED, "parameters: " + "; ".join(self._failed))
         else:
-            self.end(now_s, Outcome.SUCCEEDED)
+            self.end(now_s, RequestOutcome.SUCCEEDED)
         return []
 
     def parameter(self, vehicle: Telemetry, message: Any) -> None:
@@ -209,11 +209,11 @@ class ModeRequest(Request):
 
     def _go_on(self, now_s: float, vehicle: Telemetry) -> list[Any]:
         if not vehicle.armed and self.kind is not RequestKind.HOLD:
-            self.end(now_s, Outcome.SUCCEEDED)
+            self.end(now_s, RequestOutcome.SUCCEEDED)
             return []
         sent = self._mode.step(now_s, vehicle)
         if self._mode.answer is Answer.ACCEPTED:
-            self.end(now_s, Outcome.SUCCEEDED)
+            self.end(now_s, RequestOutcome.SUCCEEDED)
         elif self._mode.answer is not Answer.PENDING:
             self.fail(now_s, self._mode.answer, self._mode.reason)
         return sent
@@ -246,7 +246,7 @@ class TakeControl(Request):
         if vehicle.flavour is Flavour.PX4 and self.target is None:
             self.target = stay(now_s, vehicle)
             if self.target is None:
-                self.end(now_s, Outcome.REFUSED, "no position to hold: Offboard needs one")
+                self.end(now_s, RequestOutcome.REFUSED, "no position to hold: Offboard needs one")
                 return []
             self._streaming_since_s = now_s
         since_s = self._streaming_since_s
@@ -256,7 +256,7 @@ class TakeControl(Request):
         sent = self._mode.step(now_s, vehicle)
         if self._mode.answer is Answer.ACCEPTED:
             vehicle.authority.regain()
-            self.end(now_s, Outcome.SUCCEEDED)
+            self.end(now_s, RequestOutcome.SUCCEEDED)
         elif self._mode.answer is not Answer.PENDING:
             self.fail(now_s, self._mode.answer, self._mode.reason)
         return sent
@@ -285,10 +285,10 @@ class Disarm(Request):
 
     def _go_on(self, now_s: float, vehicle: Telemetry) -> list[Any]:
         if not vehicle.armed:
-            self.end(now_s, Outcome.SUCCEEDED)
+            self.end(now_s, RequestOutcome.SUCCEEDED)
             return []
         if vehicle.is_airborne(now_s):
-            self.end(now_s, Outcome.REFUSED, "the vehicle is flying: land first")
+            self.end(now_s, RequestOutcome.REFUSED, "the vehicle is flying: land first")
             return []
         sent = self._command.step(now_s, vehicle)
         if self._command.answer is Answer.PENDING:
@@ -298,7 +298,7 @@ class Disarm(Request):
             self._until_s = now_s + (ARMED_WITHIN_S if accepted else TEXTS_AFTER_S)
         elif now_s >= self._until_s:
             if self._command.answer is Answer.ACCEPTED:
-                self.end(now_s, Outcome.TIMED_OUT, "disarming was accepted but did not come")
+                self.end(now_s, RequestOutcome.TIMED_OUT, "disarming was accepted but did not come")
             else:
                 self.fail(now_s, self._command.answer, self._command.reason)
         return sent

@@ -13,28 +13,28 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.autopilot.arming import Arm
-from flightstack.autopilot.framing import FrameReader
 from flightstack.autopilot.modes import Duty, Flavour
 from flightstack.autopilot.report import VehicleReport
 from flightstack.autopilot.requests import (
     Disarm,
     ModeRequest,
-    Outcome,
     Position,
     Prepare,
     Request,
     RequestKind,
+    RequestOutcome,
     RequestResult,
     TakeControl,
     Target,
-    Velocity,
+    VelocityRequest,
 )
 from flightstack.autopilot.setpoints import position_setpoint, velocity_setpoint
-from flightstack.autopilot.streams import RATES_HZ, StreamRequests
 from flightstack.autopilot.takeoff import Takeoff
-from flightstack.autopilot.telemetry import Telemetry
 from flightstack.config import AutopilotConfig
-from mission.frames import LocalFrame, Vector3
+from flightstack.mavlink.framing import FrameReader
+from flightstack.mavlink.message_rates import RATES_HZ, StreamRequests
+from flightstack.mavlink.telemetry import Telemetry
+from mission.geometry.frames import LocalFrame, Vector3
 
 COMPONENT = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 HEARTBEAT_S = 1.0
@@ -156,7 +156,7 @@ class AutopilotSession:
         result = request.result
         if result is None or self._now_s - ended_s > PROBLEM_S:
             return ""
-        if result.outcome in (Outcome.SUCCEEDED, Outcome.SUPERSEDED, Outcome.LAPSED):
+        if result.outcome in (RequestOutcome.SUCCEEDED, RequestOutcome.SUPERSEDED, RequestOutcome.LAPSED):
             return ""
         return result.reason or result.outcome.value
 
@@ -201,7 +201,7 @@ class AutopilotSession:
     def target_velocity(self, velocity_ned_mps: Vector3, yaw_rad: float | None = None) -> None:
         """In this tick, fly with this velocity. Raises ValueError if a number is not finite."""
         _check_finite("velocity", velocity_ned_mps, yaw_rad)
-        self._target = Velocity(velocity_ned_mps, yaw_rad)
+        self._target = VelocityRequest(velocity_ned_mps, yaw_rad)
 
     def _new_prepare(self) -> Prepare:
         return Prepare(self._now_s, self._vehicle, self._config.parameters, self._config.ready_timeout_s)
@@ -214,12 +214,12 @@ class AutopilotSession:
                 self._asked_s = now_s
                 return
             if self._request.is_reached(self._vehicle):
-                self._request.end(now_s, Outcome.SUCCEEDED)
-            self._request.end(now_s, Outcome.SUPERSEDED, f"superseded by {request.kind}")
+                self._request.end(now_s, RequestOutcome.SUCCEEDED)
+            self._request.end(now_s, RequestOutcome.SUPERSEDED, f"superseded by {request.kind}")
             self._finish(now_s)
         if self._newest is not None:
             before, ended_s = self._newest
-            failed = before.result is not None and before.result.outcome is not Outcome.SUCCEEDED
+            failed = before.result is not None and before.result.outcome is not RequestOutcome.SUCCEEDED
             if failed and before.same_as(request) and now_s - ended_s < AGAIN_S:
                 return
         self._asked_s = now_s
@@ -240,7 +240,7 @@ class AutopilotSession:
         request = self._request
         if request is not None:
             if request.needs_vehicle and now_s - self._asked_s > LAPSE_S:
-                request.end(now_s, Outcome.LAPSED, "not asked for any more")
+                request.end(now_s, RequestOutcome.LAPSED, "not asked for any more")
             messages += request.step(now_s, self._vehicle)
             fallback = request.target if self._vehicle.flavour is Flavour.PX4 else None
             if request.result is not None:
@@ -261,7 +261,7 @@ class AutopilotSession:
         self._results.append(request.result)
         preparation = request.prepare if isinstance(request, Arm) else request
         if isinstance(preparation, Prepare) and preparation.result is not None:
-            done = preparation.result.outcome is Outcome.SUCCEEDED
+            done = preparation.result.outcome is RequestOutcome.SUCCEEDED
             self._prepared_boot = self._vehicle.boots if done else None
 
     def _setpoint(self, now_s: float, fallback: Target | None) -> Any | None:

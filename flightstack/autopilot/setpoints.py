@@ -12,8 +12,8 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.autopilot.modes import Flavour
-from flightstack.autopilot.telemetry import Telemetry
-from mission.frames import LocalFrame, Vector3
+from flightstack.mavlink.telemetry import Telemetry
+from mission.geometry.frames import LocalFrame, Vector3
 
 POSITION_MASK = 0x9F8
 VELOCITY_MASK = 0x9C7

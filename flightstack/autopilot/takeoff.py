@@ -8,11 +8,11 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flightstack.autopilot.exchanges import Answer, CommandExchange
 from flightstack.autopilot.modes import Flavour
-from flightstack.autopilot.requests import TEXTS_AFTER_S, Outcome, Position, Request, RequestKind
-from flightstack.autopilot.telemetry import Telemetry
-from mission.frames import LocalFrame, Vector3
+from flightstack.autopilot.requests import TEXTS_AFTER_S, Position, Request, RequestKind, RequestOutcome
+from flightstack.mavlink.exchanges import Answer, CommandExchange
+from flightstack.mavlink.telemetry import Telemetry
+from mission.geometry.frames import LocalFrame, Vector3
 
 LIFT_OFF_S = 15.0
 """Motors take seconds to spin up; ArduCopter disarms by itself after 10 s on the ground."""
@@ -60,13 +60,13 @@ class Takeoff(Request):
         position_ned_m = vehicle.position_ned_m()
         if not vehicle.armed:
             why = "disarmed while taking off" if self._command is not None else "not armed"
-            self.end(now_s, Outcome.REFUSED, "; ".join((why, *self._texts)))
+            self.end(now_s, RequestOutcome.REFUSED, "; ".join((why, *self._texts)))
         elif not vehicle.is_ours:
-            self.end(now_s, Outcome.REFUSED, "the vehicle is not in our mode: take control first")
+            self.end(now_s, RequestOutcome.REFUSED, "the vehicle is not in our mode: take control first")
         elif position_ned_m is None:
-            self.end(now_s, Outcome.REFUSED, "no position")
+            self.end(now_s, RequestOutcome.REFUSED, "no position")
         elif self._is_up(now_s, vehicle, position_ned_m):
-            self.end(now_s, Outcome.SUCCEEDED)
+            self.end(now_s, RequestOutcome.SUCCEEDED)
         elif self._step is TakeoffStep.COMMAND:
             return self._lifting_off(now_s, vehicle, position_ned_m)
         elif self._step is TakeoffStep.REASONS:
@@ -89,13 +89,13 @@ class Takeoff(Request):
             self._begin_climb(now_s, vehicle, point_ned_m)
             return []
         if vehicle.home is None:
-            self.end(now_s, Outcome.REFUSED, "home is not set: its altitude is not known")
+            self.end(now_s, RequestOutcome.REFUSED, "home is not set: its altitude is not known")
             return []
         climb_m = self._frame.to_geodetic(point_ned_m).amsl_m - vehicle.home.amsl_m
         if climb_m < LEAST_CLIMB_M:
             self.end(
                 now_s,
-                Outcome.REFUSED,
+                RequestOutcome.REFUSED,
                 f"{self.above_home_m:.1f} m over the swarm's origin is {climb_m:.1f} m over this drone's home: "
                 "raise formation.above_home_m or correct origin.amsl_m",
             )
@@ -126,7 +126,7 @@ class Takeoff(Request):
         patience_s = CLIMB_STALLED_S if vehicle.has_flown else LIFT_OFF_S
         if now_s - self._best_s > patience_s:
             state = f"stopped at {height_m:.1f} m" if vehicle.has_flown else "it did not lift off"
-            self.end(now_s, Outcome.TIMED_OUT, "; ".join((f"take-off: {state}", *self._texts)))
+            self.end(now_s, RequestOutcome.TIMED_OUT, "; ".join((f"take-off: {state}", *self._texts)))
 
     def acknowledge(self, now_s: float, command: int, result: int) -> None:
         if self._command is not None:

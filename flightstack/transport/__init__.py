@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
-from flightstack.topics import Topic
+from flightstack.swarm.topics import Topic
 
 
 class TransportError(RuntimeError):

@@ -6,7 +6,7 @@ import collections
 from collections.abc import Iterable
 from typing import Final
 
-from flightstack.topics import Delivery
+from flightstack.swarm.topics import Delivery
 from flightstack.transport import Received
 
 KEPT_PER_SENDER: Final = 4

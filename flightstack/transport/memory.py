@@ -15,10 +15,10 @@ import random
 from collections.abc import Callable, Collection, Iterable
 from typing import Final
 
-from flightstack.topics import TOPICS, Delivery, Topic
+from flightstack.swarm.topics import TOPICS, Delivery, Topic
 from flightstack.transport import Received, TransportError
 from flightstack.transport.backlog import KEPT_PER_SENDER
-from mission.frames import Vector3
+from mission.geometry.frames import Vector3
 
 _RESEND_S: Final = 0.2
 """What each loss costs a reliable message: TCP's smallest retransmission time."""

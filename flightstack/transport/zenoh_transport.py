@@ -23,7 +23,7 @@ from typing import Any, Final
 import zenoh
 
 from flightstack.config import TlsConfig
-from flightstack.topics import Delivery, Topic
+from flightstack.swarm.topics import Delivery, Topic
 from flightstack.transport import Received, TransportError
 from flightstack.transport.backlog import trimmed
 from flightstack.transport.endpoints import check_endpoint

@@ -12,22 +12,22 @@ from typing import Any, ClassVar, Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from mission.frames import Geodetic, Vector3
+from mission.geometry.frames import Geodetic, Vector3
 from simvehicle.autopilot.ardupilot_commands import COMMANDS
-from simvehicle.autopilot.ardupilot_modes import NEED_POSITION, RETURNS, STICKS, Mode
-from simvehicle.autopilot.ardupilot_safety import Safety
-from simvehicle.autopilot.channel import Channel, Peer
-from simvehicle.autopilot.commands import Command
-from simvehicle.autopilot.control import Limits
+from simvehicle.autopilot.ardupilot_modes import NEED_POSITION, RETURNS, STICKS, ArduPilotMode
+from simvehicle.autopilot.ardupilot_safety import ArduPilotSafety
+from simvehicle.autopilot.channel import Channel, ChannelPeer
+from simvehicle.autopilot.commands import ReceivedCommand
 from simvehicle.autopilot.core import RC_AT_REST_US, Autopilot
 from simvehicle.autopilot.fences import outside
-from simvehicle.autopilot.maneuvers import Follow, Hold, Idle, Land, Maneuver, Return, Sticks, TakeOff
+from simvehicle.autopilot.maneuvers import Follow, HoldPosition, Idle, Land, Maneuver, Return, Sticks, TakeOff
 from simvehicle.autopilot.mission_run import NAMES, MissionRun, Told
-from simvehicle.autopilot.missions import FENCE, MISSION, RALLY, Item
+from simvehicle.autopilot.missions import FENCE, MISSION, RALLY, StoredItem
 from simvehicle.autopilot.setpoints import motion_of
-from simvehicle.config import FleetConfig, VehicleSpec
-from simvehicle.dynamics import Battery
-from simvehicle.world import World
+from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec
+from simvehicle.vehicle.controller import Limits
+from simvehicle.vehicle.dynamics import Battery
+from simvehicle.world.air import World
 
 _INFO, _WARNING, _CRITICAL = (
     mavlink.MAV_SEVERITY_INFO,
@@ -48,9 +48,9 @@ class ArduPilot(Autopilot):
     _speed_mps: float | None = None
 
     def __init__(self, spec: VehicleSpec, fleet: FleetConfig, world: World, seed: int) -> None:
-        self.mode = Mode.STABILIZE
+        self.mode = ArduPilotMode.STABILIZE
         super().__init__(spec, fleet, world, seed)
-        self.safety = Safety(self)
+        self.safety = ArduPilotSafety(self)
         self._override_s: float | None = None
         self.mission_started = False
 
@@ -68,7 +68,7 @@ class ArduPilot(Autopilot):
             | mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
             | mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
         )
-        if self.mode in NEED_POSITION or (self.mode is Mode.LAND and not self.estimator_lost):
+        if self.mode in NEED_POSITION or (self.mode is ArduPilotMode.LAND and not self.estimator_lost):
             flags |= mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
         if self.armed:
             flags |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
@@ -166,7 +166,7 @@ class ArduPilot(Autopilot):
     def set_mode(self, number: int) -> bool:
         """Enter a mode, as a command, a failsafe or the pilot's switch wants it; False where it is refused."""
         try:
-            mode = Mode(number)
+            mode = ArduPilotMode(number)
         except ValueError:
             self.say(_WARNING, f"No such mode {number}")
             return False
@@ -175,7 +175,7 @@ class ArduPilot(Autopilot):
         if self.armed and mode in NEED_POSITION and not self.position_ok:
             self.say(_WARNING, f"Mode change to {mode.name} failed: requires position")
             return False
-        if self.armed and mode is Mode.AUTO and not self.auto_allowed():
+        if self.armed and mode is ArduPilotMode.AUTO and not self.auto_allowed():
             return False
         self.mode = mode
         self.mode_is_news = True
@@ -198,16 +198,16 @@ class ArduPilot(Autopilot):
         self.mission_started = False
         self.maneuver = self._maneuver_of(self.mode) if self.armed else Idle()
 
-    def _maneuver_of(self, mode: Mode) -> Maneuver:
+    def _maneuver_of(self, mode: ArduPilotMode) -> Maneuver:
         if mode in STICKS:
-            return Sticks(level=mode in (Mode.STABILIZE, Mode.ALT_HOLD))
-        if mode is Mode.LAND:
+            return Sticks(level=mode in (ArduPilotMode.STABILIZE, ArduPilotMode.ALT_HOLD))
+        if mode is ArduPilotMode.LAND:
             return Land(with_position=self.position_ok)
         if mode in RETURNS:
             return self.back()
-        if mode is Mode.AUTO and not self.landed:
+        if mode is ArduPilotMode.AUTO and not self.landed:
             return self.start_mission()
-        return Hold()
+        return HoldPosition()
 
     def start_mission(self) -> MissionRun:
         self.mission_started = True
@@ -256,16 +256,20 @@ class ArduPilot(Autopilot):
         maneuver = self.maneuver
         if isinstance(maneuver, TakeOff) and maneuver.finished:
             north, east, _ = self.nav.position_m
-            self.maneuver = Hold((north, east, self.nav.home_m[2] - maneuver.above_home_m))
+            self.maneuver = HoldPosition((north, east, self.nav.home_m[2] - maneuver.above_home_m))
         late = isinstance(maneuver, Follow) and now_s - maneuver.given_s > self.parameters["GUID_TIMEOUT"]
         if late and isinstance(maneuver, Follow) and maneuver.motion.horizontal_m is None:
-            self.maneuver = Hold()
+            self.maneuver = HoldPosition()
 
     def on_touch(self, impact_mps: float) -> None:
         self.say(_INFO, f"SIM Hit ground at {impact_mps:.6f} m/s")
 
     def on_landed(self) -> None:
-        if self.mode in RETURNS or self.mode is Mode.LAND or (self.mode is Mode.AUTO and self.is_landing):
+        if (
+            self.mode in RETURNS
+            or self.mode is ArduPilotMode.LAND
+            or (self.mode is ArduPilotMode.AUTO and self.is_landing)
+        ):
             self.disarm("Disarming motors")
 
     def disarm(self, text: str, severity: int = mavlink.MAV_SEVERITY_INFO) -> None:
@@ -283,7 +287,7 @@ class ArduPilot(Autopilot):
             self.say(_INFO, f"Reached command #{sequence}")
 
     def setpoint(self, message: Any) -> None:
-        if self.mode is not Mode.GUIDED or not self.armed:
+        if self.mode is not ArduPilotMode.GUIDED or not self.armed:
             return
         now_s = self.now_s or 0.0
         motion = motion_of(message, self.nav, self.estimator, per_axis=False)
@@ -294,7 +298,7 @@ class ArduPilot(Autopilot):
             if not self.allows(*motion.horizontal_m):
                 return  # a destination outside the fence is refused, without a word on the link
         elif message.type_mask & 0x38:
-            self.maneuver = Hold()
+            self.maneuver = HoldPosition()
             return
         if isinstance(self.maneuver, Follow):
             self.maneuver.renewed(motion, now_s, face_travel=no_yaw)
@@ -341,13 +345,13 @@ class ArduPilot(Autopilot):
         pulse_us = self.rc_us[int(self.parameters["FLTMODE_CH"]) - 1]
         return 1 + sum(pulse_us > bound for bound in (1230, 1360, 1490, 1620, 1749))
 
-    def command(self, command: Command) -> int | None:
+    def command(self, command: ReceivedCommand) -> int | None:
         handler = COMMANDS.get(command.number)
         return None if handler is None else handler(self, command)
 
     # -- lists and parameters -------------------------------------------------------------------------------
 
-    def stored_item(self, kind: int, item: Item) -> Item:
+    def stored_item(self, kind: int, item: StoredItem) -> StoredItem:
         """Packed: a waypoint's delay is whole seconds, altitudes are centimetres."""
         z = round(item.z, 2) if math.isfinite(item.z) else 0.0
         if kind == FENCE:
@@ -363,15 +367,15 @@ class ArduPilot(Autopilot):
         p1, p2, p3, p4 = numbers
         return dataclasses.replace(item, frame=frame, p1=p1, p2=p2, p3=p3, p4=p4, z=z)
 
-    def read_item(self, kind: int, sequence: int, item: Item) -> Item:
+    def read_item(self, kind: int, sequence: int, item: StoredItem) -> StoredItem:
         if kind != MISSION or sequence != 0:
             return item
         home = self.home
         command = mavlink.MAV_CMD_NAV_WAYPOINT
         if home is None:
-            return Item(mavlink.MAV_FRAME_GLOBAL, command, 0.0, 0.0, 0.0, 0.0, 0, 0, 0.0)
+            return StoredItem(mavlink.MAV_FRAME_GLOBAL, command, 0.0, 0.0, 0.0, 0.0, 0, 0, 0.0)
         x, y = round(home.latitude_deg * 1e7), round(home.longitude_deg * 1e7)
-        return Item(mavlink.MAV_FRAME_GLOBAL, command, 0.0, 0.0, 0.0, 0.0, x, y, round(home.amsl_m, 2))
+        return StoredItem(mavlink.MAV_FRAME_GLOBAL, command, 0.0, 0.0, 0.0, 0.0, x, y, round(home.amsl_m, 2))
 
     def on_list_progress(self, kind: int, count: int) -> None:
         name = {MISSION: "MIS_TOTAL", FENCE: "FENCE_TOTAL", RALLY: "RALLY_TOTAL"}[kind]
@@ -379,7 +383,7 @@ class ArduPilot(Autopilot):
         if kind == MISSION:
             self.broadcast(self.parameters.message(name, 65535))
 
-    def on_list(self, kind: int, items: list[Item]) -> None:
+    def on_list(self, kind: int, items: list[StoredItem]) -> None:
         if kind == MISSION and items:
             self.say(_INFO, "Flight plan received")
         elif kind == FENCE and items:
@@ -391,7 +395,7 @@ class ArduPilot(Autopilot):
         elif name == "SIM_GPS_DISABLE":
             self.estimator.gps = not self.parameters[name]
 
-    def unknown_parameter(self, channel: Channel, peer: Peer, name: str) -> None:
+    def unknown_parameter(self, channel: Channel, peer: ChannelPeer, name: str) -> None:
         """ArduPilot 4.6 says nothing, as recorded."""
 
     def on_parameter_list(self) -> None:

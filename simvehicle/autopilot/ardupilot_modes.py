@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 
 
-class Mode(enum.IntEnum):
+class ArduPilotMode(enum.IntEnum):
     STABILIZE = 0
     ALT_HOLD = 2
     AUTO = 3
@@ -19,8 +19,26 @@ class Mode(enum.IntEnum):
 
 
 NEED_POSITION = frozenset(
-    (Mode.AUTO, Mode.GUIDED, Mode.LOITER, Mode.RTL, Mode.POSHOLD, Mode.BRAKE, Mode.SMART_RTL)
+    (
+        ArduPilotMode.AUTO,
+        ArduPilotMode.GUIDED,
+        ArduPilotMode.LOITER,
+        ArduPilotMode.RTL,
+        ArduPilotMode.POSHOLD,
+        ArduPilotMode.BRAKE,
+        ArduPilotMode.SMART_RTL,
+    )
 )
-ARMABLE = frozenset((Mode.STABILIZE, Mode.ALT_HOLD, Mode.GUIDED, Mode.LOITER, Mode.POSHOLD))
-RETURNS = frozenset((Mode.RTL, Mode.SMART_RTL))
-STICKS = frozenset((Mode.STABILIZE, Mode.ALT_HOLD, Mode.LOITER, Mode.POSHOLD))
+ARMABLE = frozenset(
+    (
+        ArduPilotMode.STABILIZE,
+        ArduPilotMode.ALT_HOLD,
+        ArduPilotMode.GUIDED,
+        ArduPilotMode.LOITER,
+        ArduPilotMode.POSHOLD,
+    )
+)
+RETURNS = frozenset((ArduPilotMode.RTL, ArduPilotMode.SMART_RTL))
+STICKS = frozenset(
+    (ArduPilotMode.STABILIZE, ArduPilotMode.ALT_HOLD, ArduPilotMode.LOITER, ArduPilotMode.POSHOLD)
+)

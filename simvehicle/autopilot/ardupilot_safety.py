@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from simvehicle.autopilot import streams
-from simvehicle.autopilot.ardupilot_modes import ARMABLE, NEED_POSITION, Mode
+from simvehicle.autopilot import telemetry_messages as streams
+from simvehicle.autopilot.ardupilot_modes import ARMABLE, NEED_POSITION, ArduPilotMode
 from simvehicle.autopilot.fences import outside
 from simvehicle.autopilot.maneuvers import Land
 
@@ -66,7 +66,7 @@ _ENABLED, _HEALTHY = 0x52419C0F, 0x4751FC0F
 _EKF_NOT_YET, _EKF_STILL, _EKF_GOOD, _EKF_LOST = 1024, 167, 831, 37
 
 
-class Safety:
+class ArduPilotSafety:
     """One per vehicle; `step` is called ten times a second."""
 
     def __init__(self, autopilot: ArduPilot) -> None:
@@ -237,11 +237,11 @@ class Safety:
         a, action = self._a, int(self._a.parameters["FS_EKF_ACTION"])
         if not a.armed or a.landed or action == 0:
             return
-        mode = Mode.ALT_HOLD if action == 2 else Mode.LAND
-        if a.mode is Mode.LAND:
+        mode = ArduPilotMode.ALT_HOLD if action == 2 else ArduPilotMode.LAND
+        if a.mode is ArduPilotMode.LAND:
             a.maneuver = Land(with_position=False)
         elif (a.mode in NEED_POSITION or action == 3) and a.set_mode(mode):
-            if mode is Mode.LAND:
+            if mode is ArduPilotMode.LAND:
                 a.maneuver = Land(with_position=False, pause_s=_LAND_PAUSE_S)
             a.say(_CRITICAL, f"EKF Failsafe: changed to {mode.name} Mode")
 
@@ -273,23 +273,28 @@ class Safety:
         a.say(_WARNING, f"Battery 1 is {kind} {a.battery.volts:.2f}V used {used_mah:.0f} mAh")
         a.say(_WARNING, "Battery Failsafe")
         self._act(
-            {1: Mode.LAND, 2: Mode.RTL, 3: Mode.SMART_RTL, 4: Mode.SMART_RTL, 6: Mode.RTL, 7: Mode.BRAKE}.get(
-                action
-            )
+            {
+                1: ArduPilotMode.LAND,
+                2: ArduPilotMode.RTL,
+                3: ArduPilotMode.SMART_RTL,
+                4: ArduPilotMode.SMART_RTL,
+                6: ArduPilotMode.RTL,
+                7: ArduPilotMode.BRAKE,
+            }.get(action)
         )
         if action == 5:
             a.disarm("Battery Failsafe: terminating", _CRITICAL)
 
-    def _act(self, mode: Mode | None) -> None:
+    def _act(self, mode: ArduPilotMode | None) -> None:
         """Enter a failsafe's mode, or LAND where that one cannot be. A landing goes on only if FS_OPTIONS says so."""
         a = self._a
-        goes_on = a.mode is Mode.LAND and int(a.parameters["FS_OPTIONS"]) & 8
+        goes_on = a.mode is ArduPilotMode.LAND and int(a.parameters["FS_OPTIONS"]) & 8
         if mode is None or not a.armed or a.mode is mode or goes_on:
             return
         if a.landed:
             a.disarm("Disarming motors")
         elif not a.set_mode(mode):
-            a.set_mode(Mode.LAND)
+            a.set_mode(ArduPilotMode.LAND)
 
     def _ground_station(self, now_s: float) -> None:
         a, p = self._a, self._a.parameters
@@ -300,16 +305,20 @@ class Safety:
         if lost and not self._gcs_lost:
             self._gcs_lost = True
             a.say(_WARNING, "GCS Failsafe")
-            pilots = int(p["FS_OPTIONS"]) & 16 and a.mode in (Mode.STABILIZE, Mode.ALT_HOLD, Mode.LOITER)
+            pilots = int(p["FS_OPTIONS"]) & 16 and a.mode in (
+                ArduPilotMode.STABILIZE,
+                ArduPilotMode.ALT_HOLD,
+                ArduPilotMode.LOITER,
+            )
             if not pilots:
                 actions = {
-                    1: Mode.RTL,
-                    2: Mode.RTL,
-                    3: Mode.SMART_RTL,
-                    4: Mode.SMART_RTL,
-                    5: Mode.LAND,
-                    6: Mode.RTL,
-                    7: Mode.BRAKE,
+                    1: ArduPilotMode.RTL,
+                    2: ArduPilotMode.RTL,
+                    3: ArduPilotMode.SMART_RTL,
+                    4: ArduPilotMode.SMART_RTL,
+                    5: ArduPilotMode.LAND,
+                    6: ArduPilotMode.RTL,
+                    7: ArduPilotMode.BRAKE,
                 }
                 self._act(actions.get(int(p["FS_GCS_ENABLE"])))
         elif not lost and self._gcs_lost:
@@ -340,7 +349,13 @@ class Safety:
             a.say(_INFO, "Manual recovery started")
             action = int(p["FENCE_ACTION"])
             self._act(
-                {1: Mode.RTL, 2: Mode.LAND, 3: Mode.SMART_RTL, 4: Mode.BRAKE, 5: Mode.SMART_RTL}.get(action)
+                {
+                    1: ArduPilotMode.RTL,
+                    2: ArduPilotMode.LAND,
+                    3: ArduPilotMode.SMART_RTL,
+                    4: ArduPilotMode.BRAKE,
+                    5: ArduPilotMode.SMART_RTL,
+                }.get(action)
             )
             a.announce_mode()
             a.broadcast(self.fence_status())
@@ -368,7 +383,7 @@ class Safety:
         if self.gps_detected:
             present, enabled = present | _GPS_BIT, enabled | _GPS_BIT
             healthy |= _GPS_BIT if a.estimator.gps else 0
-        if a.mode not in (Mode.STABILIZE, Mode.ALT_HOLD):
+        if a.mode not in (ArduPilotMode.STABILIZE, ArduPilotMode.ALT_HOLD):
             enabled |= 0x2000 if self.ekf_failed else _XY_BITS
         if self.ekf_failed:
             healthy &= ~0x4000

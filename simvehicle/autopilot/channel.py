@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 
-class Peer(NamedTuple):
+class ChannelPeer(NamedTuple):
     """Whoever speaks to the autopilot: state is kept by all three."""
 
     link: int

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from mission.frames import Geodetic, Vector3
-from simvehicle.autopilot import streams
-from simvehicle.autopilot.channel import Peer
+from mission.geometry.frames import Geodetic, Vector3
+from simvehicle.autopilot import telemetry_messages as streams
+from simvehicle.autopilot.channel import ChannelPeer
 from simvehicle.autopilot.setpoints import global_position
 
 if TYPE_CHECKING:
@@ -40,8 +40,8 @@ _MINIMUM_INTERVAL_S = 0.02
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Command:
-    peer: Peer
+class ReceivedCommand:
+    peer: ChannelPeer
     number: int
     params: tuple[float, float, float, float]
     """Parameters 1 to 4."""
@@ -77,7 +77,7 @@ class CommandServer:
             mavlink.MAV_CMD_PREFLIGHT_STORAGE: self._grounded_only,
         }
 
-    def run(self, command: Command, answers: int | None = None) -> None:
+    def run(self, command: ReceivedCommand, answers: int | None = None) -> None:
         """Carry out and acknowledge; `answers` is the id to acknowledge where it is not the command's own."""
         handler = self._table.get(command.number)
         if handler is not None:
@@ -99,7 +99,7 @@ class CommandServer:
             channel.send(message)
         self._autopilot.flush_texts()
 
-    def _set_interval(self, command: Command) -> int:
+    def _set_interval(self, command: ReceivedCommand) -> int:
         message_id, interval_us = command.whole(0), command.params[1]
         if message_id not in streams.BUILDERS:
             return DENIED if self._autopilot.flavour == "ardupilot" else UNSUPPORTED
@@ -114,7 +114,7 @@ class CommandServer:
         channel.set_stream(message_id, interval_s, self._autopilot.now_s or 0.0)
         return ACCEPTED
 
-    def _get_interval(self, command: Command) -> int:
+    def _get_interval(self, command: ReceivedCommand) -> int:
         message_id = command.whole(0)
         if message_id not in streams.BUILDERS:
             return UNSUPPORTED
@@ -123,13 +123,13 @@ class CommandServer:
         self._after.append(mavlink.MAVLink_message_interval_message(message_id, interval_us))
         return ACCEPTED
 
-    def _request_message(self, command: Command) -> int:
+    def _request_message(self, command: ReceivedCommand) -> int:
         return self._send_once(command.whole(0))
 
-    def _capabilities(self, _command: Command) -> int:
+    def _capabilities(self, _command: ReceivedCommand) -> int:
         return self._send_once(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
 
-    def _get_home(self, _command: Command) -> int:
+    def _get_home(self, _command: ReceivedCommand) -> int:
         return self._send_once(mavlink.MAVLINK_MSG_ID_HOME_POSITION)
 
     def _send_once(self, message_id: int) -> int:
@@ -142,7 +142,7 @@ class CommandServer:
         self._after.append(message)
         return ACCEPTED
 
-    def _set_home(self, command: Command) -> int:
+    def _set_home(self, command: ReceivedCommand) -> int:
         autopilot = self._autopilot
         if not autopilot.origin_is_set:
             return FAILED
@@ -156,14 +156,14 @@ class CommandServer:
         )
         return ACCEPTED
 
-    def _set_mission_current(self, command: Command) -> int:
+    def _set_mission_current(self, command: ReceivedCommand) -> int:
         return ACCEPTED if self._autopilot.set_mission_current(command.whole(0)) else DENIED
 
-    def _grounded_only(self, _command: Command) -> int:
+    def _grounded_only(self, _command: ReceivedCommand) -> int:
         """Reboot, calibration, storage: nothing to do in a simulation, but never in flight."""
         return REJECTED if self._autopilot.armed else ACCEPTED
 
-    def target(self, command: Command) -> Vector3 | None:
+    def target(self, command: ReceivedCommand) -> Vector3 | None:
         """The place that a DO_REPOSITION means, in the local frame; NaN or 0, 0 keep what is."""
         autopilot = self._autopilot
         nav = autopilot.nav

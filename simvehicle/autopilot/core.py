@@ -12,22 +12,22 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from mission.frames import Geodetic, Vector3
-from simvehicle.autopilot import streams
+from mission.geometry.frames import Geodetic, Vector3
+from simvehicle.autopilot import telemetry_messages as streams
 from simvehicle.autopilot.channel import Channel
 from simvehicle.autopilot.commands import CommandServer
-from simvehicle.autopilot.control import Motion, PositionController
-from simvehicle.autopilot.estimator import Estimator
 from simvehicle.autopilot.fences import Area, FenceError, areas_of
-from simvehicle.autopilot.flavour import Flavour
+from simvehicle.autopilot.flavour import Personality
 from simvehicle.autopilot.inbox import Inbox
 from simvehicle.autopilot.maneuvers import Idle, Land, Maneuver, Navigation, Return, TakeOff
 from simvehicle.autopilot.mission_run import ACTIONS, NAVIGATION, MissionRun, Surroundings, Told
-from simvehicle.autopilot.missions import FENCE, MISSION, RALLY, Item, ListRules, MissionServer
+from simvehicle.autopilot.missions import FENCE, MISSION, RALLY, ListRules, MissionServer, StoredItem
 from simvehicle.autopilot.parameters import Parameters, ParameterServer
-from simvehicle.config import FleetConfig, VehicleSpec
-from simvehicle.dynamics import GRAVITY_MPS2, Multirotor
-from simvehicle.world import World
+from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec
+from simvehicle.vehicle.controller import Motion, PositionController
+from simvehicle.vehicle.dynamics import GRAVITY_MPS2, Multirotor
+from simvehicle.vehicle.estimator import Estimator
+from simvehicle.world.air import World
 
 TICK_S = 0.02
 _SLOW_TICKS = 5
@@ -52,7 +52,7 @@ _LANDED_AFTER_S = 1.7
 """From touching the ground to being sure of it; as recorded."""
 
 
-class Autopilot(Flavour):
+class Autopilot(Personality):
     """What both flavours have in common."""
 
     def __init__(self, spec: VehicleSpec, fleet: FleetConfig, world: World, seed: int) -> None:
@@ -312,7 +312,7 @@ class Autopilot(Flavour):
             set_current=self.set_mission_current,
         )
 
-    def _stored(self, kind: int, item: Item) -> Item | int:
+    def _stored(self, kind: int, item: StoredItem) -> StoredItem | int:
         """Refuse what no autopilot can fly, keep the rest as the flavour stores it."""
         if kind == MISSION and item.command not in NAVIGATION | ACTIONS:
             return int(mavlink.MAV_MISSION_UNSUPPORTED)
@@ -327,7 +327,7 @@ class Autopilot(Flavour):
             return int(mavlink.MAV_MISSION_INVALID_PARAM7)
         return self.stored_item(kind, item)
 
-    def _list_finished(self, kind: int, items: list[Item]) -> int:
+    def _list_finished(self, kind: int, items: list[StoredItem]) -> int:
         if kind == FENCE:
             try:
                 self.fence = areas_of(items, self.estimator.local)

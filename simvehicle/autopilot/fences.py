@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from mission.frames import Geodetic, Vector3
-from simvehicle.autopilot.missions import Item
+from mission.geometry.frames import Geodetic, Vector3
+from simvehicle.autopilot.missions import StoredItem
 
 _POLYGONS = (
     mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION,
@@ -44,7 +44,7 @@ class Area:
         return inside
 
 
-def areas_of(items: Sequence[Item], local: Callable[[Geodetic], Vector3]) -> tuple[Area, ...]:
+def areas_of(items: Sequence[StoredItem], local: Callable[[Geodetic], Vector3]) -> tuple[Area, ...]:
     """The areas that uploaded fence items describe (mission type 1, commands 5001 to 5004)."""
     areas: list[Area] = []
     place = 0
@@ -71,7 +71,7 @@ def areas_of(items: Sequence[Item], local: Callable[[Geodetic], Vector3]) -> tup
     return tuple(areas)
 
 
-def _point(item: Item, local: Callable[[Geodetic], Vector3]) -> tuple[float, float]:
+def _point(item: StoredItem, local: Callable[[Geodetic], Vector3]) -> tuple[float, float]:
     north, east, _ = local(Geodetic(item.x / 1e7, item.y / 1e7))
     return north, east
 

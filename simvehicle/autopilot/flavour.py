@@ -5,16 +5,16 @@ from __future__ import annotations
 import abc
 from typing import Any, ClassVar, Literal
 
-from simvehicle.autopilot.channel import Channel, Peer
-from simvehicle.autopilot.commands import Command
-from simvehicle.autopilot.control import Limits
+from simvehicle.autopilot.channel import Channel, ChannelPeer
+from simvehicle.autopilot.commands import ReceivedCommand
 from simvehicle.autopilot.maneuvers import Return
 from simvehicle.autopilot.mission_run import Told
-from simvehicle.autopilot.missions import Item
-from simvehicle.dynamics import Battery
+from simvehicle.autopilot.missions import StoredItem
+from simvehicle.vehicle.controller import Limits
+from simvehicle.vehicle.dynamics import Battery
 
 
-class Flavour(abc.ABC):
+class Personality(abc.ABC):
     """Implemented by `ardupilot` and `px4` on top of `core.Autopilot`."""
 
     flavour: ClassVar[Literal["ardupilot", "px4"]]
@@ -52,13 +52,13 @@ class Flavour(abc.ABC):
         """The mission started, reached or finished an item."""
 
     @abc.abstractmethod
-    def stored_item(self, kind: int, item: Item) -> Item: ...
+    def stored_item(self, kind: int, item: StoredItem) -> StoredItem: ...
 
     @abc.abstractmethod
-    def read_item(self, kind: int, sequence: int, item: Item) -> Item: ...
+    def read_item(self, kind: int, sequence: int, item: StoredItem) -> StoredItem: ...
 
     @abc.abstractmethod
-    def on_list(self, kind: int, items: list[Item]) -> None:
+    def on_list(self, kind: int, items: list[StoredItem]) -> None:
         """A list was replaced."""
 
     @abc.abstractmethod
@@ -68,7 +68,7 @@ class Flavour(abc.ABC):
     def parameter_changed(self, name: str) -> None: ...
 
     @abc.abstractmethod
-    def unknown_parameter(self, channel: Channel, peer: Peer, name: str) -> None: ...
+    def unknown_parameter(self, channel: Channel, peer: ChannelPeer, name: str) -> None: ...
 
     @abc.abstractmethod
     def setpoint(self, message: Any) -> None: ...
@@ -78,7 +78,7 @@ class Flavour(abc.ABC):
         """RC channels in microseconds (0: not given), from an override."""
 
     @abc.abstractmethod
-    def command(self, command: Command) -> int | None:
+    def command(self, command: ReceivedCommand) -> int | None:
         """MAV_RESULT of a command that the flavours carry out differently; None for one that it does not know."""
 
     @abc.abstractmethod

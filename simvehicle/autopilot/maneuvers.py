@@ -10,8 +10,8 @@ import enum
 import math
 from typing import Protocol
 
-from mission.frames import Vector3
-from simvehicle.autopilot.control import Limits, Motion
+from mission.geometry.frames import Vector3
+from simvehicle.vehicle.controller import Limits, Motion
 
 _STOPPED_MPS = 0.4
 _FACE_TRAVEL_M = 2.0
@@ -53,7 +53,7 @@ class Idle:
         return Motion(idle=True)
 
 
-class Hold:
+class HoldPosition:
     """Stop, then stay. On the ground: motors idle."""
 
     finished = False
@@ -111,7 +111,7 @@ class TakeOff:
         return Motion(horizontal_m=self._at_m, down_m=nav.home_m[2] - self.above_home_m)
 
 
-class GoTo:
+class FlyTo:
     """Fly to a position and stay there. `finished` within `arrival_m` of it."""
 
     def __init__(
@@ -287,13 +287,13 @@ class Sticks:
     def __init__(self, *, level: bool) -> None:
         self.forward = self.right = self.up = self.clockwise = 0.0
         self._level = level
-        self._hold: Hold | Level = Level() if level else Hold()
+        self._hold: HoldPosition | Level = Level() if level else HoldPosition()
 
     def step(self, nav: Navigation) -> Motion:
         moved = max(abs(self.forward), abs(self.right), abs(self.up), abs(self.clockwise)) > 0.05
         if not moved or (not nav.airborne and self.up <= 0.05):
             return self._hold.step(nav)
-        self._hold = Level() if self._level else Hold()
+        self._hold = Level() if self._level else HoldPosition()
         ahead, right = 5.0 * self.forward, 5.0 * self.right
         cos_yaw, sin_yaw = math.cos(nav.yaw_rad), math.sin(nav.yaw_rad)
         up_mps = self.up * (nav.limits.climb_mps if self.up > 0.0 else nav.limits.descent_mps)

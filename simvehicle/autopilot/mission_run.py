@@ -9,10 +9,10 @@ from collections.abc import Callable, Sequence
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from mission.frames import Geodetic, Vector3
-from simvehicle.autopilot.control import Motion
-from simvehicle.autopilot.maneuvers import GoTo, Hold, Land, Maneuver, Navigation, Return, TakeOff
-from simvehicle.autopilot.missions import Item
+from mission.geometry.frames import Geodetic, Vector3
+from simvehicle.autopilot.maneuvers import FlyTo, HoldPosition, Land, Maneuver, Navigation, Return, TakeOff
+from simvehicle.autopilot.missions import StoredItem
+from simvehicle.vehicle.controller import Motion
 
 _WAYPOINTS = (mavlink.MAV_CMD_NAV_WAYPOINT, mavlink.MAV_CMD_NAV_SPLINE_WAYPOINT)
 _LOITERS = (
@@ -88,7 +88,7 @@ class Surroundings:
 class MissionRun:
     """A manoeuvre made of manoeuvres. `told` collects what happened; the autopilot empties it."""
 
-    def __init__(self, items: Sequence[Item], around: Surroundings, current: int) -> None:
+    def __init__(self, items: Sequence[StoredItem], around: Surroundings, current: int) -> None:
         self._items = items
         self._around = around
         self.current = max(current, around.first)
@@ -133,7 +133,7 @@ class MissionRun:
             self.current += 1
         self.finished = True
         self.told.append((Told.COMPLETE, len(self._items) - 1))
-        self._maneuver = Hold(self._last_m if nav.airborne else None)
+        self._maneuver = HoldPosition(self._last_m if nav.airborne else None)
         return self._maneuver.step(nav)
 
     def _begin(self, nav: Navigation) -> bool:
@@ -149,7 +149,7 @@ class MissionRun:
         self.told.append((Told.STARTED, self.current))
         return True
 
-    def _act(self, item: Item) -> None:
+    def _act(self, item: StoredItem) -> None:
         if item.command == mavlink.MAV_CMD_DO_CHANGE_SPEED and item.p2 > 0.0:
             self._speed_mps = item.p2
         if item.command == mavlink.MAV_CMD_DO_JUMP:
@@ -161,7 +161,7 @@ class MissionRun:
                 return
         self.current += 1
 
-    def _maneuver_for(self, item: Item, nav: Navigation) -> Maneuver:
+    def _maneuver_for(self, item: StoredItem, nav: Navigation) -> Maneuver:
         if item.command == mavlink.MAV_CMD_NAV_TAKEOFF:
             above_m = -self._down_m(item, nav) + nav.home_m[2]
             if nav.airborne and nav.above_home_m > above_m - 0.5:
@@ -174,18 +174,18 @@ class MissionRun:
                 return Land()
             return _GoAndLand(self._place(item, nav, nav.position_m[2]))
         if item.command in _DELAYS:
-            return Hold(self._last_m)
+            return HoldPosition(self._last_m)
         place = self._place(item, nav, self._down_m(item, nav))
         self._last_m = place
-        return GoTo(place, speed_mps=self._speed_mps, arrival_m=self._around.arrival_m)
+        return FlyTo(place, speed_mps=self._speed_mps, arrival_m=self._around.arrival_m)
 
-    def _place(self, item: Item, nav: Navigation, down_m: float) -> Vector3:
+    def _place(self, item: StoredItem, nav: Navigation, down_m: float) -> Vector3:
         if item.x == 0 and item.y == 0:  # both autopilots: where it is
             return nav.position_m[0], nav.position_m[1], down_m
         north, east, _ = self._around.local(Geodetic(item.x / 1e7, item.y / 1e7))
         return north, east, down_m
 
-    def _down_m(self, item: Item, nav: Navigation) -> float:
+    def _down_m(self, item: StoredItem, nav: Navigation) -> float:
         above_home_m = item.z if item.frame in _RELATIVE_FRAMES else item.z - self._around.home_amsl_m
         return nav.home_m[2] - above_home_m
 
@@ -217,7 +217,7 @@ class _GoAndLand:
     """To a place at the present height, then down."""
 
     def __init__(self, place_m: Vector3) -> None:
-        self._go = GoTo(place_m, arrival_m=1.0)
+        self._go = FlyTo(place_m, arrival_m=1.0)
         self.land = Land(at_m=(place_m[0], place_m[1]))
         self.finished = False
 

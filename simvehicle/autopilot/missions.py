@@ -12,7 +12,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from simvehicle.autopilot.channel import Channel, Peer
+from simvehicle.autopilot.channel import Channel, ChannelPeer
 
 MISSION, FENCE, RALLY = 0, 1, 2
 _RETRY_S = 1.0
@@ -21,7 +21,7 @@ _GIVE_UP_S = 8.0
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Item:
+class StoredItem:
     frame: int
     command: int
     p1: float
@@ -41,22 +41,22 @@ class ListRules:
     """Ask for items with MISSION_REQUEST (ArduPilot) instead of MISSION_REQUEST_INT."""
     atomic: bool
     """PX4 keeps the old list until the new one is whole; ArduPilot writes item by item."""
-    stored: Callable[[int, Item], Item | int]
+    stored: Callable[[int, StoredItem], StoredItem | int]
     """(list, item) -> what is kept, or the MAV_MISSION_RESULT that refuses it."""
-    finished: Callable[[int, list[Item]], int]
+    finished: Callable[[int, list[StoredItem]], int]
     """A whole list has come: the MAV_MISSION_RESULT. Accepting it is this function's work."""
     progress: Callable[[int, int], None]
     """(list, items now stored): ArduPilot tells it as a parameter."""
-    read: Callable[[int, int, Item], Item]
+    read: Callable[[int, int, StoredItem], StoredItem]
     """(list, sequence, item) -> what a download gets."""
     set_current: Callable[[int], bool]
 
 
 @dataclasses.dataclass(slots=True)
 class _Upload:
-    peer: Peer
+    peer: ChannelPeer
     count: int
-    got: list[Item]
+    got: list[StoredItem]
     asked_s: float
     heard_s: float
 
@@ -67,7 +67,7 @@ class MissionServer:
     def __init__(self, rules: ListRules, channels: list[Channel]) -> None:
         self._rules = rules
         self._channels = channels
-        self.lists: dict[int, list[Item]] = {MISSION: [], FENCE: [], RALLY: []}
+        self.lists: dict[int, list[StoredItem]] = {MISSION: [], FENCE: [], RALLY: []}
         self._uploads: dict[int, _Upload] = {}
         self._handlers = {
             "MISSION_COUNT": self._count,
@@ -81,7 +81,7 @@ class MissionServer:
             "MISSION_WRITE_PARTIAL_LIST": self._refuse_partial,
         }
 
-    def receive(self, now_s: float, peer: Peer, message: Any) -> bool:
+    def receive(self, now_s: float, peer: ChannelPeer, message: Any) -> bool:
         """True when the message was one of this protocol."""
         handler = self._handlers.get(message.get_type())
         if handler is None:
@@ -105,7 +105,7 @@ class MissionServer:
             elif now_s - upload.asked_s > _RETRY_S:
                 self._ask(now_s, kind, upload)
 
-    def _ack(self, peer: Peer, result: int, kind: int) -> None:
+    def _ack(self, peer: ChannelPeer, result: int, kind: int) -> None:
         self._channels[peer.link].send(
             mavlink.MAVLink_mission_ack_message(peer.system, peer.component, result, kind)
         )
@@ -120,14 +120,14 @@ class MissionServer:
         )
         self._channels[peer.link].send(request(peer.system, peer.component, len(upload.got), kind))
 
-    def _replace(self, kind: int, items: list[Item]) -> int:
+    def _replace(self, kind: int, items: list[StoredItem]) -> int:
         result = self._rules.finished(kind, items)
         if result == mavlink.MAV_MISSION_ACCEPTED:
             self.lists[kind] = items
             self._rules.progress(kind, len(items))
         return result
 
-    def _count(self, now_s: float, peer: Peer, kind: int, message: Any) -> None:
+    def _count(self, now_s: float, peer: ChannelPeer, kind: int, message: Any) -> None:
         running = self._uploads.get(kind)
         if running is not None and running.peer != peer:
             self._ack(peer, mavlink.MAV_MISSION_DENIED, kind)
@@ -143,13 +143,13 @@ class MissionServer:
         self._uploads[kind] = upload
         self._ask(now_s, kind, upload)
 
-    def _item_float(self, now_s: float, peer: Peer, kind: int, message: Any) -> None:
+    def _item_float(self, now_s: float, peer: ChannelPeer, kind: int, message: Any) -> None:
         self._item(now_s, peer, kind, message, round(message.x * 1e7), round(message.y * 1e7))
 
-    def _item_int(self, now_s: float, peer: Peer, kind: int, message: Any) -> None:
+    def _item_int(self, now_s: float, peer: ChannelPeer, kind: int, message: Any) -> None:
         self._item(now_s, peer, kind, message, message.x, message.y)
 
-    def _item(self, now_s: float, peer: Peer, kind: int, message: Any, x: int, y: int) -> None:
+    def _item(self, now_s: float, peer: ChannelPeer, kind: int, message: Any, x: int, y: int) -> None:
         upload = self._uploads.get(kind)
         if upload is None or upload.peer != peer:
             self._ack(peer, mavlink.MAV_MISSION_ERROR, kind)
@@ -160,7 +160,7 @@ class MissionServer:
                 return
             self._ack(peer, mavlink.MAV_MISSION_INVALID_SEQUENCE, kind)
             return
-        item = Item(
+        item = StoredItem(
             message.frame,
             message.command,
             message.param1,
@@ -173,7 +173,7 @@ class MissionServer:
             message.autocontinue,
         )
         stored = self._rules.stored(kind, item)
-        if not isinstance(stored, Item):
+        if not isinstance(stored, StoredItem):
             del self._uploads[kind]
             self._ack(peer, stored, kind)
             return
@@ -188,25 +188,25 @@ class MissionServer:
         del self._uploads[kind]
         self._ack(peer, self._replace(kind, upload.got), kind)
 
-    def _request_list(self, _now_s: float, peer: Peer, kind: int, _message: Any) -> None:
+    def _request_list(self, _now_s: float, peer: ChannelPeer, kind: int, _message: Any) -> None:
         self._channels[peer.link].send(
             mavlink.MAVLink_mission_count_message(peer.system, peer.component, len(self.lists[kind]), kind)
         )
 
-    def _request_int(self, _now_s: float, peer: Peer, kind: int, message: Any) -> None:
+    def _request_int(self, _now_s: float, peer: ChannelPeer, kind: int, message: Any) -> None:
         item = self._asked_for(peer, kind, message.seq)
         if item is not None:
             self._send_item(
                 mavlink.MAVLink_mission_item_int_message, peer, kind, message.seq, item, item.x, item.y
             )
 
-    def _request_float(self, _now_s: float, peer: Peer, kind: int, message: Any) -> None:
+    def _request_float(self, _now_s: float, peer: ChannelPeer, kind: int, message: Any) -> None:
         item = self._asked_for(peer, kind, message.seq)
         if item is not None:
             x, y = item.x / 1e7, item.y / 1e7
             self._send_item(mavlink.MAVLink_mission_item_message, peer, kind, message.seq, item, x, y)
 
-    def _asked_for(self, peer: Peer, kind: int, sequence: int) -> Item | None:
+    def _asked_for(self, peer: ChannelPeer, kind: int, sequence: int) -> StoredItem | None:
         items = self.lists[kind]
         if sequence >= len(items):
             self._ack(peer, mavlink.MAV_MISSION_INVALID_SEQUENCE, kind)
@@ -214,7 +214,7 @@ class MissionServer:
         return self._rules.read(kind, sequence, items[sequence])
 
     def _send_item(
-        self, make: Any, peer: Peer, kind: int, sequence: int, item: Item, x: float, y: float
+        self, make: Any, peer: ChannelPeer, kind: int, sequence: int, item: StoredItem, x: float, y: float
     ) -> None:
         message = make(
             peer.system,
@@ -235,13 +235,13 @@ class MissionServer:
         )
         self._channels[peer.link].send(message)
 
-    def _clear(self, _now_s: float, peer: Peer, kind: int, _message: Any) -> None:
+    def _clear(self, _now_s: float, peer: ChannelPeer, kind: int, _message: Any) -> None:
         self._uploads.pop(kind, None)
         self._ack(peer, self._replace(kind, []), kind)
 
-    def _set_current(self, _now_s: float, peer: Peer, _kind: int, message: Any) -> None:
+    def _set_current(self, _now_s: float, peer: ChannelPeer, _kind: int, message: Any) -> None:
         if not self._rules.set_current(message.seq):
             self._ack(peer, mavlink.MAV_MISSION_INVALID_SEQUENCE, MISSION)
 
-    def _refuse_partial(self, _now_s: float, peer: Peer, kind: int, _message: Any) -> None:
+    def _refuse_partial(self, _now_s: float, peer: ChannelPeer, kind: int, _message: Any) -> None:
         self._ack(peer, mavlink.MAV_MISSION_UNSUPPORTED, kind)

@@ -12,20 +12,20 @@ from typing import Any, ClassVar, Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from simvehicle.autopilot.channel import Channel, Peer
-from simvehicle.autopilot.commands import ACCEPTED, REJECTED, Command
-from simvehicle.autopilot.control import Limits, Motion
+from simvehicle.autopilot.channel import Channel, ChannelPeer
+from simvehicle.autopilot.commands import ACCEPTED, REJECTED, ReceivedCommand
 from simvehicle.autopilot.core import Autopilot
-from simvehicle.autopilot.maneuvers import Follow, Hold, Idle, Land, Maneuver, Return, Sticks, TakeOff
+from simvehicle.autopilot.maneuvers import Follow, HoldPosition, Idle, Land, Maneuver, Return, Sticks, TakeOff
 from simvehicle.autopilot.mission_run import Told
-from simvehicle.autopilot.missions import MISSION, Item
+from simvehicle.autopilot.missions import MISSION, StoredItem
 from simvehicle.autopilot.px4_commands import COMMANDS
-from simvehicle.autopilot.px4_modes import NEED_POSITION, STICKS, Mode
-from simvehicle.autopilot.px4_safety import Safety
+from simvehicle.autopilot.px4_modes import NEED_POSITION, STICKS, Px4Mode
+from simvehicle.autopilot.px4_safety import Px4Safety
 from simvehicle.autopilot.setpoints import motion_of
-from simvehicle.config import FleetConfig, VehicleSpec
-from simvehicle.dynamics import Battery
-from simvehicle.world import World
+from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec
+from simvehicle.vehicle.controller import Limits, Motion
+from simvehicle.vehicle.dynamics import Battery
+from simvehicle.world.air import World
 
 _INFO, _WARNING, _CRITICAL = (
     mavlink.MAV_SEVERITY_INFO,
@@ -56,9 +56,9 @@ class Px4(Autopilot):
     _speed_mps: float | None = None
 
     def __init__(self, spec: VehicleSpec, fleet: FleetConfig, world: World, seed: int) -> None:
-        self.mode = Mode.HOLD
+        self.mode = Px4Mode.HOLD
         super().__init__(spec, fleet, world, seed)
-        self.safety = Safety(self)
+        self.safety = Px4Safety(self)
         self.offboard_motion: Motion | None = None
         self.offboard_s = -math.inf
         self._offboard_gap_s = math.inf
@@ -139,7 +139,7 @@ class Px4(Autopilot):
     def landed_state(self) -> int:
         if self.landed:
             return int(mavlink.MAV_LANDED_STATE_ON_GROUND)
-        if self.mode is Mode.TAKEOFF:
+        if self.mode is Px4Mode.TAKEOFF:
             return int(mavlink.MAV_LANDED_STATE_TAKEOFF)
         return int(mavlink.MAV_LANDED_STATE_LANDING if self.is_landing else mavlink.MAV_LANDED_STATE_IN_AIR)
 
@@ -206,22 +206,22 @@ class Px4(Autopilot):
     def sticks_alive(self) -> bool:
         return (self.now_s or 0.0) - self.sticks_s <= _PILOT_S
 
-    def why_not(self, mode: Mode) -> str | None:
+    def why_not(self, mode: Px4Mode) -> str | None:
         """What keeps an armed vehicle from a mode."""
         if mode in NEED_POSITION and not self.position_ok:
             return "no valid position estimate"
-        if mode is Mode.OFFBOARD and not self.offboard_alive:
+        if mode is Px4Mode.OFFBOARD and not self.offboard_alive:
             return "no offboard signal"
         if mode in STICKS and not self.sticks_alive:
             return "no manual control input"
-        if mode is Mode.MISSION and not self.missions.lists[MISSION]:
+        if mode is Px4Mode.MISSION and not self.missions.lists[MISSION]:
             return "no valid mission available"
         return None
 
-    def user_mode(self, mode: Mode) -> int:
+    def user_mode(self, mode: Px4Mode) -> int:
         """A mode that somebody commands: MAV_RESULT."""
         reason = self.why_not(mode)
-        strict = self.armed or mode in (Mode.OFFBOARD, Mode.MISSION)
+        strict = self.armed or mode in (Px4Mode.OFFBOARD, Px4Mode.MISSION)
         if reason is not None and strict:
             self.say(_CRITICAL, f"Switching to {mode.name.title()} not possible")
             self.say(_CRITICAL, reason)
@@ -230,34 +230,34 @@ class Px4(Autopilot):
         self.enter(mode)
         return ACCEPTED
 
-    def enter(self, mode: Mode) -> None:
+    def enter(self, mode: Px4Mode) -> None:
         """Switch to a mode and begin what it does."""
         if mode is not self.mode:
             self.set_speed(None)
-        again = mode is self.mode and mode not in (Mode.TAKEOFF, Mode.MISSION)
+        again = mode is self.mode and mode not in (Px4Mode.TAKEOFF, Px4Mode.MISSION)
         self.mode = mode
         if again and not isinstance(self.maneuver, Idle):
             return
         self.maneuver = self._maneuver_of(mode) if self.armed else Idle()
 
-    def _maneuver_of(self, mode: Mode) -> Maneuver:
+    def _maneuver_of(self, mode: Px4Mode) -> Maneuver:
         if mode in STICKS:
-            return Sticks(level=mode is not Mode.POSITION)
-        if mode is Mode.OFFBOARD and self.offboard_motion is not None:
+            return Sticks(level=mode is not Px4Mode.POSITION)
+        if mode is Px4Mode.OFFBOARD and self.offboard_motion is not None:
             return Follow(self.offboard_motion, self.offboard_s, face_travel=False, lifts_off=True)
-        if mode is Mode.LAND:
+        if mode is Px4Mode.LAND:
             return Land(with_position=self.position_ok)
-        if mode is Mode.RETURN:
+        if mode is Px4Mode.RETURN:
             return self.back()
-        if mode is Mode.MISSION:
+        if mode is Px4Mode.MISSION:
             if self.mission_complete:
                 self.mission_next = 0
                 self.mission_complete = False
             return self.new_mission(*self.mission_rules())
-        if mode is Mode.TAKEOFF:
+        if mode is Px4Mode.TAKEOFF:
             above_m = self.take_off_above_m or self.parameters["MIS_TAKEOFF_ALT"]
             return TakeOff(max(above_m, self.above_home_m), within_m=0.3)
-        return Hold()
+        return HoldPosition()
 
     def land_without_position(self) -> Land:
         return Land(with_position=False)
@@ -300,11 +300,11 @@ class Px4(Autopilot):
         self.safety.step(self.now_s or 0.0)
         maneuver = self.maneuver
         self.has_flown = self.has_flown or not self.landed
-        if self.mode is Mode.TAKEOFF and maneuver.finished:
+        if self.mode is Px4Mode.TAKEOFF and maneuver.finished:
             self.take_off_above_m = None
-            self.enter(Mode.HOLD)
-        elif self.mode is Mode.MISSION and maneuver.finished:
-            self.enter(Mode.HOLD)
+            self.enter(Px4Mode.HOLD)
+        elif self.mode is Px4Mode.MISSION and maneuver.finished:
+            self.enter(Px4Mode.HOLD)
         if isinstance(maneuver, Sticks) and not self.sticks_alive:
             maneuver.forward = maneuver.right = maneuver.up = maneuver.clockwise = 0.0
 
@@ -326,11 +326,11 @@ class Px4(Autopilot):
         self._offboard_gap_s = now_s - self.offboard_s
         self.offboard_s, self.offboard_motion = now_s, motion
         motion.speed_mps = self.parameters["MPC_XY_VEL_MAX"]
-        if self.mode is Mode.OFFBOARD and self.armed:
+        if self.mode is Px4Mode.OFFBOARD and self.armed:
             if isinstance(self.maneuver, Follow):
                 self.maneuver.renewed(motion, now_s, face_travel=False)
             else:
-                self.maneuver = self._maneuver_of(Mode.OFFBOARD)
+                self.maneuver = self._maneuver_of(Px4Mode.OFFBOARD)
 
     def takes_pilot(self, system: int) -> bool:
         return system != self.system
@@ -347,29 +347,29 @@ class Px4(Autopilot):
             sticks.up = (self.rc_us[2] - 1500) / 500
             sticks.clockwise = (self.rc_us[3] - 1500) / 500
 
-    def command(self, command: Command) -> int | None:
+    def command(self, command: ReceivedCommand) -> int | None:
         handler = COMMANDS.get(command.number)
         return None if handler is None else handler(self, command)
 
     # -- lists and parameters -------------------------------------------------------------------------------
 
-    def stored_item(self, kind: int, item: Item) -> Item:  # noqa: ARG002 - ArduPilot's differ by list
+    def stored_item(self, kind: int, item: StoredItem) -> StoredItem:  # noqa: ARG002 - ArduPilot's differ by list
         frame = {5: 0, 6: 3}.get(item.frame, item.frame)
         return dataclasses.replace(item, frame=frame)
 
-    def read_item(self, kind: int, sequence: int, item: Item) -> Item:  # noqa: ARG002 - as ArduPilot's
+    def read_item(self, kind: int, sequence: int, item: StoredItem) -> StoredItem:  # noqa: ARG002 - as ArduPilot's
         return item
 
     def on_list_progress(self, kind: int, count: int) -> None:
         """PX4 keeps no totals as parameters."""
 
-    def on_list(self, kind: int, items: list[Item]) -> None:
+    def on_list(self, kind: int, items: list[StoredItem]) -> None:
         """PX4 says nothing about a list that is in order."""
 
     def parameter_changed(self, name: str) -> None:
         """Parameters are read where they are used."""
 
-    def unknown_parameter(self, channel: Channel, peer: Peer, name: str) -> None:
+    def unknown_parameter(self, channel: Channel, peer: ChannelPeer, name: str) -> None:
         channel.send(
             mavlink.MAVLink_statustext_message(_WARNING, f"[pm] unknown param: {name}".encode()[:50])
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 
 
-class Mode(enum.IntEnum):
+class Px4Mode(enum.IntEnum):
     """main << 16 | sub << 24, as HEARTBEAT.custom_mode has them (px4_custom_mode.h)."""
 
     MANUAL = 1 << 16
@@ -20,5 +20,7 @@ class Mode(enum.IntEnum):
     STABILIZED = 7 << 16
 
 
-STICKS = frozenset((Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION, Mode.STABILIZED))
-NEED_POSITION = frozenset((Mode.POSITION, Mode.TAKEOFF, Mode.HOLD, Mode.MISSION, Mode.RETURN, Mode.OFFBOARD))
+STICKS = frozenset((Px4Mode.MANUAL, Px4Mode.ALTITUDE, Px4Mode.POSITION, Px4Mode.STABILIZED))
+NEED_POSITION = frozenset(
+    (Px4Mode.POSITION, Px4Mode.TAKEOFF, Px4Mode.HOLD, Px4Mode.MISSION, Px4Mode.RETURN, Px4Mode.OFFBOARD)
+)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from simvehicle.autopilot.fences import outside
-from simvehicle.autopilot.px4_modes import Mode
+from simvehicle.autopilot.px4_modes import Px4Mode
 
 if TYPE_CHECKING:
     from simvehicle.autopilot.px4 import Px4
@@ -22,11 +22,11 @@ _INFO, _WARNING, _CRITICAL = (
     mavlink.MAV_SEVERITY_WARNING,
     mavlink.MAV_SEVERITY_CRITICAL,
 )
-_OFFBOARD_ACTIONS = {3: Mode.RETURN, 4: Mode.LAND, 5: Mode.HOLD}
+_OFFBOARD_ACTIONS = {3: Px4Mode.RETURN, 4: Px4Mode.LAND, 5: Px4Mode.HOLD}
 """COM_OBL_RC_ACT. 0 to 2 are a pilot's modes: without sticks PX4 falls through them to Hold."""
-_LINK_ACTIONS = {1: Mode.HOLD, 2: Mode.RETURN, 3: Mode.LAND}
+_LINK_ACTIONS = {1: Px4Mode.HOLD, 2: Px4Mode.RETURN, 3: Px4Mode.LAND}
 """NAV_DLL_ACT."""
-_FENCE_ACTIONS = {2: Mode.HOLD, 3: Mode.RETURN, 5: Mode.LAND}
+_FENCE_ACTIONS = {2: Px4Mode.HOLD, 3: Px4Mode.RETURN, 5: Px4Mode.LAND}
 """GF_ACTION."""
 
 _GYRO_ACC_MAG_BARO = 0x1 | 0x2 | 0x4 | 0x8
@@ -34,7 +34,7 @@ _GPS, _MOTORS, _FENCE, _AHRS, _BATTERY, _PREARM = 0x20, 0x8000, 0x100000, 0x2000
 _ALL = _GYRO_ACC_MAG_BARO | _GPS | _MOTORS | _FENCE | _AHRS | _BATTERY | _PREARM
 
 
-class Safety:
+class Px4Safety:
     """One per vehicle; `step` is called ten times a second."""
 
     def __init__(self, autopilot: Px4) -> None:
@@ -46,9 +46,9 @@ class Safety:
         self._breached = False
         self._battery_level = 0
         """0 in order, 1 low, 2 critical, 3 emergency: only grows."""
-        self._pending: tuple[float, Mode] | None = None
+        self._pending: tuple[float, Px4Mode] | None = None
         """When to do what, after the holding time."""
-        self._back_to: Mode | None = None
+        self._back_to: Px4Mode | None = None
         """The mode to go back to when the cause goes away by itself."""
         self._landed_since_s = 0.0
 
@@ -114,28 +114,28 @@ class Safety:
 
     # -- failsafes ------------------------------------------------------------------------------------------
 
-    def _activate(self, now_s: float, mode: Mode, *, returns_to: Mode | None = None) -> None:
+    def _activate(self, now_s: float, mode: Px4Mode, *, returns_to: Px4Mode | None = None) -> None:
         """Hold first, then `mode`; with `returns_to` the mode to take up again when the cause goes away."""
         a = self._a
-        if a.landed and a.mode is not Mode.OFFBOARD:
+        if a.landed and a.mode is not Px4Mode.OFFBOARD:
             return
-        if a.mode is Mode.LAND or (a.mode is Mode.RETURN and mode is not Mode.LAND):
+        if a.mode is Px4Mode.LAND or (a.mode is Px4Mode.RETURN and mode is not Px4Mode.LAND):
             return
         a.failsafe = True
         delay_s = a.parameters["COM_FAIL_ACT_T"]
         self._back_to = returns_to
         a.say(_CRITICAL, "Failsafe activated")
-        if mode is Mode.HOLD or delay_s <= 0.0:
+        if mode is Px4Mode.HOLD or delay_s <= 0.0:
             self._pending = None
             self._enter(mode)
         else:
             self._pending = (now_s + delay_s, mode)
-            self._enter(Mode.HOLD)
+            self._enter(Px4Mode.HOLD)
 
-    def _enter(self, mode: Mode) -> None:
+    def _enter(self, mode: Px4Mode) -> None:
         """A failsafe's mode, or a landing where there is no position for it."""
         a = self._a
-        a.enter(mode if mode is Mode.LAND or a.position_ok else Mode.LAND)
+        a.enter(mode if mode is Px4Mode.LAND or a.position_ok else Px4Mode.LAND)
 
     def _position(self, now_s: float) -> None:
         a = self._a
@@ -145,16 +145,16 @@ class Safety:
         if self.position_lost or a.estimator.lost_for_s(now_s) < a.parameters["EKF2_NOAID_TOUT"] / 1e6:
             return
         self.position_lost = True
-        if (a.armed and a.why_not(a.mode) is not None) or (a.armed and a.mode is Mode.LAND):
+        if (a.armed and a.why_not(a.mode) is not None) or (a.armed and a.mode is Px4Mode.LAND):
             a.failsafe = True
             self._pending = self._back_to = None
             a.say(_CRITICAL, "Failsafe activated: Descend")
-            a.enter(Mode.LAND)
+            a.enter(Px4Mode.LAND)
             a.maneuver = a.land_without_position()
 
     def _offboard(self, now_s: float) -> None:
         a = self._a
-        lost = a.armed and a.mode is Mode.OFFBOARD and now_s - a.offboard_s > a.parameters["COM_OF_LOSS_T"]
+        lost = a.armed and a.mode is Px4Mode.OFFBOARD and now_s - a.offboard_s > a.parameters["COM_OF_LOSS_T"]
         if lost and not self._offboard_lost:
             self._offboard_lost = True
             action = int(a.parameters["COM_OBL_RC_ACT"])
@@ -163,16 +163,18 @@ class Safety:
                 a.disarm("Flight terminated" if action == 6 else "Disarmed by failsafe", _CRITICAL)
             elif a.landed:
                 a.failsafe = True
-                a.enter(Mode.HOLD)
+                a.enter(Px4Mode.HOLD)
             else:
-                self._activate(now_s, _OFFBOARD_ACTIONS.get(action, Mode.HOLD), returns_to=Mode.OFFBOARD)
+                self._activate(
+                    now_s, _OFFBOARD_ACTIONS.get(action, Px4Mode.HOLD), returns_to=Px4Mode.OFFBOARD
+                )
                 if action in _OFFBOARD_ACTIONS and self._pending is None:
                     self._back_to = None
         elif self._offboard_lost and a.offboard_alive:
             self._offboard_lost = False
-            if self._back_to is Mode.OFFBOARD and a.armed and a.mode is Mode.HOLD:
+            if self._back_to is Px4Mode.OFFBOARD and a.armed and a.mode is Px4Mode.HOLD:
                 self.user_chose()
-                a.enter(Mode.OFFBOARD)
+                a.enter(Px4Mode.OFFBOARD)
                 a.say(_INFO, "Offboard control regained")
 
     def _link(self, now_s: float) -> None:
@@ -205,9 +207,9 @@ class Safety:
         if not a.armed or level < 2:
             return
         if action == 2 or (action == 3 and level == 3):
-            self._activate(now_s, Mode.LAND)
+            self._activate(now_s, Px4Mode.LAND)
         elif action == 3:
-            self._activate(now_s, Mode.RETURN)
+            self._activate(now_s, Px4Mode.RETURN)
 
     def _fence(self, now_s: float) -> None:
         a, p = self._a, self._a.parameters

@@ -10,10 +10,10 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from mission.frames import Geodetic, Vector3
-from simvehicle.autopilot.control import Motion
-from simvehicle.autopilot.estimator import Estimator
+from mission.geometry.frames import Geodetic, Vector3
 from simvehicle.autopilot.maneuvers import Navigation
+from simvehicle.vehicle.controller import Motion
+from simvehicle.vehicle.estimator import Estimator
 
 _YAW_IGNORE = mavlink.POSITION_TARGET_TYPEMASK_YAW_IGNORE
 _YAW_RATE_IGNORE = mavlink.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE

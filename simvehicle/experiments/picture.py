@@ -13,15 +13,15 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from mission.formation import FloatArray
+from mission.geometry.formation import FloatArray
 from simvehicle.trials.cell import Cell
 from simvehicle.trials.compiled import compiled
-from simvehicle.trials.errors import TrialsError
 from simvehicle.trials.flight import ORIGIN_X, ORIGIN_Y, Scene, read_at
 from simvehicle.trials.motion import ROW, TICKS_PER_S, X, Y
 from simvehicle.trials.outcome import RecordedTrial
 from simvehicle.trials.plume import SOURCE_X, SOURCE_Y
 from simvehicle.trials.trace import Tracks
+from simvehicle.trials.trials_error import TrialsError
 
 _PIXELS = 400
 _FRAMES = 160

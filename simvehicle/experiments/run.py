@@ -11,13 +11,13 @@ from typing import Any
 import msgspec
 import pandas as pd
 
-from simvehicle.experiments.definitions import Experiment, Options, define
+from simvehicle.experiments.locus.definitions import Experiment, Options, define
+from simvehicle.experiments.locus.verdicts import Verdict, judge
+from simvehicle.experiments.locus.verdicts import markdown as verdict_markdown
 from simvehicle.experiments.table import markdown, summarise
-from simvehicle.experiments.verdicts import Verdict, judge
-from simvehicle.experiments.verdicts import markdown as verdict_markdown
 from simvehicle.trials.batch import Progress, complete
-from simvehicle.trials.errors import TrialsError
 from simvehicle.trials.store import Run, Store
+from simvehicle.trials.trials_error import TrialsError
 
 _ALONE = 2500
 """Runs of fewer trials than this are done before other processes have even started."""
@@ -30,7 +30,7 @@ _TITLES = {
 }
 
 
-class Report(msgspec.Struct, frozen=True):
+class ExperimentReport(msgspec.Struct, frozen=True):
     experiment: Experiment
     directory: pathlib.Path
     rows: pd.DataFrame
@@ -52,7 +52,7 @@ def run_experiment(
     jobs: int | None = None,
     scheduler: str | None = None,
     progress: Progress | None = None,
-) -> Report:
+) -> ExperimentReport:
     """Run what is missing of an experiment and judge it. Everything that a person can get wrong: `TrialsError`."""
     experiment = define(name, options)
     cells = experiment.cells + experiment.compared
@@ -67,7 +67,7 @@ def run_experiment(
         progress=progress,
     )
     summaries = [summarise(rows, cell) for cell in experiment.cells]
-    return Report(experiment, directory, rows, summaries, judge(experiment, rows))
+    return ExperimentReport(experiment, directory, rows, summaries, judge(experiment, rows))
 
 
 def _identity(run: Run) -> str:
@@ -75,9 +75,9 @@ def _identity(run: Run) -> str:
     return hashlib.sha256(msgspec.json.encode(run)).hexdigest()[:10]
 
 
-def write_report(report: Report, command: str, rows_as: str = "parquet") -> pathlib.Path:
+def write_report(report: ExperimentReport, command: str, rows_as: str = "parquet") -> pathlib.Path:
     """Write rows, table, verdicts and figure beside each other; the path of the page that shows them."""
-    from simvehicle.experiments import figures
+    from simvehicle.experiments.locus import figures
 
     name = report.experiment.name
     heading = _TITLES[name]

@@ -8,8 +8,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from sensors.errors import SensorError
-from sensors.instruments import instrument_type
+from sensors.instruments.registry import instrument_type
+from sensors.instruments.sensor_error import SensorError
 from simvehicle.instruments.anemometers import (
     AnemometerEmulation,
     Ft205Emulation,

@@ -9,8 +9,8 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from mission.frames import Vector3
-from sensors.checksums import xor_checksum
+from mission.geometry.frames import Vector3
+from sensors.instruments.checksums import xor_checksum
 from simvehicle.instruments.physics import Air, Ticker
 
 

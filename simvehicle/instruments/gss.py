@@ -1,4 +1,4 @@
-"""A GSS CozIR or SprintIR (see `sensors.gss` for the protocol and the sources)."""
+"""A GSS CozIR or SprintIR (see `sensors.instruments.gss` for the protocol and the sources)."""
 
 from __future__ import annotations
 

@@ -1,11 +1,11 @@
-"""A Senseair K30 (see `sensors.k30` for its protocol and the sources)."""
+"""A Senseair K30 (see `sensors.instruments.k30` for its protocol and the sources)."""
 
 from __future__ import annotations
 
 import msgspec
 import numpy as np
 
-from sensors.checksums import modbus_crc
+from sensors.instruments.checksums import modbus_crc
 from simvehicle.instruments.physics import Air, GasCell, GasResponse
 
 _REQUEST_BYTES = 8

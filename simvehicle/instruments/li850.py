@@ -1,4 +1,4 @@
-"""A LI-COR LI-850 (see `sensors.li850` for its protocol and the sources)."""
+"""A LI-COR LI-850 (see `sensors.instruments.li850` for its protocol and the sources)."""
 
 from __future__ import annotations
 

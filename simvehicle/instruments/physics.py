@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from mission.frames import Vector3
+from mission.geometry.frames import Vector3
 
 
 @dataclasses.dataclass(frozen=True)

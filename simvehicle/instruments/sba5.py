@@ -1,4 +1,4 @@
-"""A PP Systems SBA-5 (see `sensors.sba5` for its protocol and the sources)."""
+"""A PP Systems SBA-5 (see `sensors.instruments.sba5` for its protocol and the sources)."""
 
 from __future__ import annotations
 

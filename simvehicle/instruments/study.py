@@ -11,17 +11,17 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from mission.frames import Vector3
-from sensors.airframe import VehicleMotion, body_to_ned
-from sensors.co2_filter import Co2Filter, Co2FilterConfig
-from sensors.instruments import make_instrument
-from sensors.samples import Sample
-from sensors.wind_filter import WindFilter, WindFilterConfig
-from simvehicle.config import WindConfig
-from simvehicle.dynamics import GRAVITY_MPS2, Multirotor
+from mission.geometry.frames import Vector3
+from sensors.filters.airframe import VehicleMotion, body_to_ned
+from sensors.filters.co2_filter import Co2Filter, Co2FilterConfig
+from sensors.filters.wind_filter import WindFilter, WindFilterConfig
+from sensors.instruments.registry import make_instrument
+from sensors.instruments.samples import Sample
+from simvehicle.fleet.fleet_config import WindConfig
 from simvehicle.instruments import make_emulator
 from simvehicle.instruments.physics import Air
-from simvehicle.wind import GustyWind
+from simvehicle.vehicle.dynamics import GRAVITY_MPS2, Multirotor
+from simvehicle.world.wind import GustyWind
 
 Array = npt.NDArray[np.float64]
 

@@ -11,9 +11,9 @@ import pandas as pd
 
 from simvehicle.trials.cell import Cell
 from simvehicle.trials.compiled import ENGINE
-from simvehicle.trials.errors import TrialsError
 from simvehicle.trials.outcome import run_cell
 from simvehicle.trials.store import Block, Run, Store
+from simvehicle.trials.trials_error import TrialsError
 
 Progress = Callable[[int, int], None]
 """Called with (trials done, trials in all)."""

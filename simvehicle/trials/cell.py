@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from mission.formation import Hexagonal, Layout, Rings
+from mission.geometry.formation import Hexagonal, Layout, Rings
 
 Strategy = Literal["locus", "mobs", "locus-hybrid", "locus-multi"]
 PlumeKind = Literal["smooth", "perturbed", "gaussian", "gusty"]

@@ -19,11 +19,11 @@ import numba
 import numba.extending
 
 import mission
-import mission.formation as formation_rules
-import mission.search.gradient as gradient_rules
-import mission.search.mobs as mobs_rules
-import mission.search.spiral as spiral_rules
-import mission.tree as tree_rules
+import mission.geometry.formation as formation_rules
+import mission.strategies.locus.gradient as gradient_rules
+import mission.strategies.locus.spiral as spiral_rules
+import mission.strategies.mobs as mobs_rules
+import mission.tree.balanced_tree as tree_rules
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -42,8 +42,25 @@ _RULES = (
 )
 
 
-_MISSION = ("formation", "tree", "search/gradient", "search/mobs", "search/spiral")
-_TRIALS = ("cell", "compiled", "engine", "flight", "locus", "luck", "mobs", "motion", "outcome", "plume")
+_MISSION = (
+    "geometry/formation",
+    "tree/balanced_tree",
+    "strategies/locus/gradient",
+    "strategies/mobs",
+    "strategies/locus/spiral",
+)
+_TRIALS = (
+    "cell",
+    "compiled",
+    "engine",
+    "flight",
+    "locus",
+    "randomness",
+    "mobs",
+    "motion",
+    "outcome",
+    "plume",
+)
 
 
 def _source_identity() -> str:
@@ -51,7 +68,7 @@ def _source_identity() -> str:
     rules, world = pathlib.Path(str(mission.__file__)).parent, pathlib.Path(__file__).parents[1]
     files = [rules / f"{name}.py" for name in _MISSION]
     files += [world / "trials" / f"{name}.py" for name in _TRIALS]
-    files.append(world / "plumes.py")
+    files.append(world / "world" / "gas.py")
     digest = hashlib.sha256(numba.__version__.encode())
     for path in files:
         digest.update(path.read_bytes())

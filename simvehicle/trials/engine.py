@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from mission.formation import FloatArray, IntArray
+from mission.geometry.formation import FloatArray, IntArray
 from simvehicle.trials.compiled import compiled, kernel
 from simvehicle.trials.flight import (
     ARENA_M,
@@ -29,7 +29,10 @@ from simvehicle.trials.flight import (
     Scene,
 )
 from simvehicle.trials.locus import Slots, fly_locus
-from simvehicle.trials.luck import (
+from simvehicle.trials.mobs import fly_mobs
+from simvehicle.trials.motion import ROW, X, Y
+from simvehicle.trials.plume import WAVE_COUNT, WAVES
+from simvehicle.trials.randomness import (
     DECISIONS,
     GENERIC,
     IN_PLUME,
@@ -41,9 +44,6 @@ from simvehicle.trials.luck import (
     survival_limit,
     uniform,
 )
-from simvehicle.trials.mobs import fly_mobs
-from simvehicle.trials.motion import ROW, X, Y
-from simvehicle.trials.plume import WAVE_COUNT, WAVES
 
 # Places in the setup's numbers.
 GENERIC_RATE, MOBS_STEP_M, FIXED_SOURCE, GROUP, SETUP_NUMBERS = range(5)
@@ -99,7 +99,7 @@ def prepare_world(scene: Scene, setup: FloatArray, seed: int, trial: int) -> Non
 
 @kernel
 def prepare_drones(drones: Drones, first: int, setup: FloatArray, seed: int, trial: int) -> None:
-    """Where drones `first`, `first` + 1, ... start, and when their luck runs out."""
+    """Where drones `first`, `first` + 1, ... start, and when their time runs out."""
     stream = np.zeros(1, np.uint64)
     for i in range(drones.alive.shape[0]):
         open_stream(stream, seed, trial, START + first + i)

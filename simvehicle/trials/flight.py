@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from mission.formation import FloatArray, IntArray
+from mission.geometry.formation import FloatArray, IntArray
 from simvehicle.trials.compiled import kernel
 from simvehicle.trials.motion import (
     PD,

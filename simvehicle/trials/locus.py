@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mission.formation import FloatArray, IntArray, rotated
-from mission.search.gradient import plane_gradient, waypoint_uphill
-from mission.search.mobs import STATE_SIZE, mobs_begin, mobs_next
-from mission.search.spiral import spiral_point
-from mission.tree import next_heal, next_rebalance
+from mission.geometry.formation import FloatArray, IntArray, rotated
+from mission.strategies.locus.gradient import plane_gradient, waypoint_uphill
+from mission.strategies.locus.spiral import spiral_point
+from mission.strategies.mobs import STATE_SIZE, mobs_begin, mobs_next
+from mission.tree.balanced_tree import next_heal, next_rebalance
 from simvehicle.trials.compiled import kernel
 from simvehicle.trials.flight import (
     ARENA_M,
@@ -28,8 +28,8 @@ from simvehicle.trials.flight import (
     fly_leg,
     read_at,
 )
-from simvehicle.trials.luck import Stream, uniform
 from simvehicle.trials.motion import X, Y, straight_ticks
+from simvehicle.trials.randomness import Stream, uniform
 
 # Places in the numbers of a LoCUS swarm.
 (

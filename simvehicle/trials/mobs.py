@@ -1,4 +1,4 @@
-"""MoBS drones in a trial: each alone, by the rule of `mission.search.mobs`."""
+"""MoBS drones in a trial: each alone, by the rule of `mission.strategies.mobs`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from mission.search.mobs import STATE_SIZE, mobs_begin, mobs_next
+from mission.strategies.mobs import STATE_SIZE, mobs_begin, mobs_next
 from simvehicle.trials.compiled import kernel
 from simvehicle.trials.flight import (
     ARENA_M,
@@ -24,8 +24,8 @@ from simvehicle.trials.flight import (
     record,
     walk,
 )
-from simvehicle.trials.luck import Stream, uniform
 from simvehicle.trials.motion import X, Y, fly, freeze, leg_ticks
+from simvehicle.trials.randomness import Stream, uniform
 
 
 @kernel

@@ -23,7 +23,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from mission.formation import FloatArray
+from mission.geometry.formation import FloatArray
 from simvehicle.trials.compiled import kernel
 
 TICKS_PER_S = 16

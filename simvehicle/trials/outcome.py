@@ -9,8 +9,8 @@ import msgspec
 import numpy as np
 import pandas as pd
 
-from mission.formation import FloatArray
-from mission.search.spiral import arm_spacing_m
+from mission.geometry.formation import FloatArray
+from mission.strategies.locus.spiral import arm_spacing_m
 from simvehicle.trials import locus as locus_kernel
 from simvehicle.trials.cell import Cell
 from simvehicle.trials.engine import (

@@ -1,7 +1,7 @@
 """What a drone of the trials reads at a point: compiled plume models, normalised to a peak of 1.
 
-* `locus-grid`: the plume of the paper's experiments (`simvehicle.plumes.locus_grid`), downwind north.
-* `gaussian`: the physical plume (`simvehicle.plumes.Gaussian`: finite vent, Briggs' spreads, reflection at the
+* `locus-grid`: the plume of the paper's experiments (`simvehicle.world.gas.locus_grid`), downwind north.
+* `gaussian`: the physical plume (`simvehicle.world.gas.Gaussian`: finite vent, Briggs' spreads, reflection at the
   ground) cut at the drones' height, and with a gusting wind it meanders: the puff that is now x downwind left the
   vent x/u ago and was carried sideways by the crosswind since (Gifford 1959), here a sum of four waves.
 
@@ -16,10 +16,10 @@ from typing import Literal
 
 import numpy as np
 
-from mission.formation import FloatArray
-from simvehicle.config import GaussianPlume
-from simvehicle.plumes import LOCUS_CELL_M, LOCUS_CUT, LOCUS_WIDTH_M, Gaussian, locus_grid
+from mission.geometry.formation import FloatArray
+from simvehicle.fleet.fleet_config import GaussianPlume
 from simvehicle.trials.compiled import compiled, kernel
+from simvehicle.world.gas import LOCUS_CELL_M, LOCUS_CUT, LOCUS_WIDTH_M, Gaussian, locus_grid
 
 PlumeName = Literal["locus-grid", "gaussian"]
 

@@ -16,7 +16,7 @@ import pandas as pd
 
 from simvehicle.trials.cell import Cell
 from simvehicle.trials.compiled import ENGINE
-from simvehicle.trials.errors import TrialsError
+from simvehicle.trials.trials_error import TrialsError
 
 
 class Run(msgspec.Struct, frozen=True):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mission.formation import FloatArray
+from mission.geometry.formation import FloatArray
 from simvehicle.trials.compiled import compiled
 from simvehicle.trials.flight import (
     LEG_DRONE,

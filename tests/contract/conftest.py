@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from simvehicle import ports
+from simvehicle.survey import ports
 
 
 def _eventually(condition: Callable[[], object], limit_s: float = 20.0) -> None:

@@ -1,4 +1,4 @@
-"""What every instrument promises, whatever its make: `sensors.samples.Instrument`."""
+"""What every instrument promises, whatever its make: `sensors.instruments.samples.Instrument`."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sensors.instruments import INSTRUMENTS, make_instrument
-from sensors.samples import Instrument, InstrumentState, Quantity, Sample
+from sensors.instruments.registry import INSTRUMENTS, make_instrument
+from sensors.instruments.samples import Instrument, InstrumentState, Quantity, Sample
 from simvehicle.instruments import EMULATORS, Air, make_emulator
 
 AIR = Air(co2_ppm=642.0, wind_body_mps=(3.0, -4.0, 0.5))

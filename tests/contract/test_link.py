@@ -1,4 +1,4 @@
-"""What every byte link promises, whatever carries it: `flightstack.link.ByteLink`."""
+"""What every byte link promises, whatever carries it: `flightstack.mavlink.link.ByteLink`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from flightstack.link import (
+from flightstack.mavlink.link import (
     READ_AT_MOST_BYTES,
     WRITE_BACKLOG_BYTES,
     ByteLink,
@@ -24,7 +24,7 @@ from flightstack.link import (
     memory_pair,
     open_link,
 )
-from flightstack.link_streams import TcpServerLink
+from flightstack.mavlink.link_streams import TcpServerLink
 
 
 @dataclasses.dataclass

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import pytest
 
-from flightstack.topics import COMMAND, EVENT, OUTCOME, STATE, TREE, Topic
+from flightstack.swarm.topics import COMMAND, EVENT, OUTCOME, STATE, TREE, Topic
 from flightstack.transport import Received, Transport, TransportError
 from flightstack.transport.backlog import KEPT_PER_SENDER
 from flightstack.transport.memory import MemoryRadio

@@ -8,9 +8,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from mission.formation import Hexagonal, Layout
-from mission.frames import Vector3
-from mission.observation import (
+from mission.geometry.formation import Hexagonal, Layout
+from mission.geometry.frames import Vector3
+from mission.strategies.contract import (
     GoTo,
     Neighbour,
     Observation,
@@ -22,8 +22,8 @@ from mission.observation import (
     Strategy,
     TreePlace,
 )
-from mission.search import make
-from mission.tree import heal, place
+from mission.strategies.registry import make
+from mission.tree.balanced_tree import heal, place
 
 TICK_S = 0.1
 SPEED_MPS = 5.0

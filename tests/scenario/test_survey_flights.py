@@ -11,13 +11,13 @@ import pytest
 from flightstack.agent import Agent, Inputs, Outputs
 from flightstack.config import DroneConfig
 from flightstack.runner import fingerprint
+from flightstack.swarm.wire import CommandName, Phase, Result
 from flightstack.transport.memory import Conditions, MemoryRadio
-from flightstack.wire import CommandName, Phase, Result
-from mission.geofence import LocalFence
-from mission.observation import Stage
-from simvehicle.launch import plan
-from simvehicle.scenario import Scenario
-from simvehicle.survey import load
+from mission.geometry.geofence import LocalFence
+from mission.strategies.contract import Stage
+from simvehicle.scenario.swarm import Scenario
+from simvehicle.survey.launch import plan
+from simvehicle.survey.survey_file import load
 
 SURVEY = """
 name: scenario

@@ -9,9 +9,9 @@ import signal
 import threading
 import time
 
-from mission.frames import Geodetic
-from simvehicle.config import FleetConfig, VehicleSpec, WindConfig
-from simvehicle.fleet import Fleet
+from mission.geometry.frames import Geodetic
+from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec, WindConfig
+from simvehicle.fleet.process import Fleet
 
 PERIOD_WALL_S = 0.005
 MOST_S = 0.1

@@ -22,24 +22,24 @@ from typing import Any, TextIO
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flightstack.autopilot.framing import FrameReader
 from flightstack.autopilot.modes import Flavour, mode_name
 from flightstack.autopilot.session import EVENTS, STATES
-from flightstack.autopilot.streams import StreamRequests
-from flightstack.autopilot.telemetry import Telemetry
-from flightstack.link import ByteLink, open_link
-from flightstack.shared_clock import Cells
-from mission.documents import parse
-from mission.frames import Vector3
-from simvehicle.config import FleetConfig, VehicleSpec
-from simvehicle.dynamics import in_body
+from flightstack.mavlink.framing import FrameReader
+from flightstack.mavlink.link import ByteLink, open_link
+from flightstack.mavlink.message_rates import StreamRequests
+from flightstack.mavlink.telemetry import Telemetry
+from flightstack.recording.shared_clock import Cells
+from mission.documents.yaml_file import parse
+from mission.geometry.frames import Vector3
+from simvehicle.fleet.fleet_clock import FleetClock
+from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec
+from simvehicle.fleet.truth import COLUMNS
 from simvehicle.instruments import Air, make_emulator
-from simvehicle.pace import Pace
-from simvehicle.ports import free_port
-from simvehicle.processes import Processes
-from simvehicle.truth import COLUMNS
-from simvehicle.world import World
-from simvehicle.worlds import make_world
+from simvehicle.survey.ports import free_port
+from simvehicle.survey.processes import Processes
+from simvehicle.vehicle.dynamics import in_body
+from simvehicle.world.air import World
+from simvehicle.world.configured import make_world
 
 HOST = "127.0.0.1"
 PERIOD_S = 0.1
@@ -226,7 +226,7 @@ def fly(fleet: FleetConfig, truth: TextIO) -> None:
         open_ends.callback(times.close)
         told = Cells(fleet.clock) if fleet.clock is not None else Cells.make(own.with_name("unheard"), 0)
         open_ends.callback(told.close)
-        pace = Pace(fleet.speedup, times)
+        pace = FleetClock(fleet.speedup, times)
         members, processes = open_ends.enter_context(running(fleet, world, pathlib.Path(truth.name).parent))
         due_s = 0.0
         while not stopped:
@@ -247,8 +247,8 @@ def fly(fleet: FleetConfig, truth: TextIO) -> None:
 
 
 def fleet_command(part: str, config: pathlib.Path) -> list[str]:
-    """As `simvehicle.launch.installed`, with this file in the place of the vehicles."""
-    from simvehicle.launch import installed
+    """As `simvehicle.survey.launch.installed`, with this file in the place of the vehicles."""
+    from simvehicle.survey.launch import installed
 
     return (
         [sys.executable, __file__, "--config", str(config)] if part == "vehicles" else installed(part, config)

@@ -14,19 +14,19 @@ import time
 
 import msgspec
 
-from flightstack import topics
-from flightstack.clock import make_clock
 from flightstack.config import DroneConfig
 from flightstack.config_file import load
-from flightstack.shared_clock import Cells
+from flightstack.recording.clock import make_clock
+from flightstack.recording.shared_clock import Cells
+from flightstack.swarm import topics
+from flightstack.swarm.wire import CommandName, CommandOutcome, DroneState, Phase, Result, TreeState
 from flightstack.transport.zenoh_transport import ZenohTransport
-from flightstack.wire import CommandName, DroneState, Outcome, Phase, Result, TreeState
-from mission.documents import parse
-from mission.frames import Vector3
-from mission.observation import Order, Scalar, Stage
-from simvehicle.config import FleetConfig
-from simvehicle.pace import Pace
-from simvehicle.truth import COLUMNS
+from mission.documents.yaml_file import parse
+from mission.geometry.frames import Vector3
+from mission.strategies.contract import Order, Scalar, Stage
+from simvehicle.fleet.fleet_clock import FleetClock
+from simvehicle.fleet.fleet_config import FleetConfig
+from simvehicle.fleet.truth import COLUMNS
 
 TAKE_OFF_S, SEARCH_S, TRACK_S, FOUND_S, HOME_S = 5.0, 10.0, 20.0, 40.0, 50.0
 """Seconds after the start command."""
@@ -62,7 +62,7 @@ def agent(config: DroneConfig) -> None:
             if command.name is CommandName.START and started_s is None:
                 started_s = now_s
             landing = landing or command.name in (CommandName.LAND, CommandName.ABORT)
-            outcome = Outcome(command.identity, config.drone, Result.ACCEPTED)
+            outcome = CommandOutcome(command.identity, config.drone, Result.ACCEPTED)
             transport.publish(topics.OUTCOME, topics.OUTCOME.codec.encode(outcome))
         age_s = -1.0 if started_s is None else now_s - started_s
         phase, stage = _plot(min(age_s, TRACK_S) if swarm.name == ENDLESS else age_s, landing=landing)
@@ -114,7 +114,7 @@ def _home(config: DroneConfig) -> Vector3:
 def vehicles(fleet: FleetConfig) -> None:
     assert fleet.truth is not None
     assert fleet.clock is not None
-    pace = Pace(fleet.speedup, Cells(fleet.clock))
+    pace = FleetClock(fleet.speedup, Cells(fleet.clock))
     directory = pathlib.Path(fleet.truth).parent
     with pathlib.Path(fleet.truth).open("w", encoding="utf-8") as truth:
         truth.write(",".join(COLUMNS) + "\n")
@@ -141,7 +141,7 @@ def vehicles(fleet: FleetConfig) -> None:
 
 
 def standin(part: str, config: pathlib.Path) -> list[str]:
-    """As `simvehicle.launch.installed`, with the parts of this file."""
+    """As `simvehicle.survey.launch.installed`, with the parts of this file."""
     return [sys.executable, __file__, part, str(config)]
 
 
@@ -155,8 +155,8 @@ def broken(part: str, config: pathlib.Path) -> list[str]:
 def main() -> None:
     part, path = sys.argv[1], pathlib.Path(sys.argv[2])
     if part == "fly":
-        from simvehicle.fly import fly, words
-        from simvehicle.survey import load as load_survey
+        from simvehicle.survey.fly import fly, words
+        from simvehicle.survey.survey_file import load as load_survey
 
         flown = fly(load_survey(path), out=pathlib.Path(sys.argv[3]), commands=standin)
         sys.stdout.write(words(flown.summary))

@@ -20,9 +20,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from flightstack.link import open_link
-from flightstack.recording import read_recording
-from simvehicle.ports import free_ports
+from flightstack.mavlink.link import open_link
+from flightstack.recording.recorder import read_recording
+from simvehicle.survey.ports import free_ports
 
 pytestmark = pytest.mark.system
 
@@ -118,7 +118,7 @@ class Rig:
         self._fleet.write_text(FLEET.format(**known))
         self._drone.write_text(DRONE.format(**known))
         self._vehicle_log = directory / "vehicle.log"
-        self.vehicle = self._start("simvehicle.cli", self._fleet, self._vehicle_log)
+        self.vehicle = self._start("simvehicle.cli.main", self._fleet, self._vehicle_log)
         self.agent = self._start("flightstack.cli", self._drone, self.log)
 
     @staticmethod
@@ -144,7 +144,7 @@ class Rig:
         while True:
             done = subprocess.run(
                 [
-                    *(sys.executable, "-m", "gcs.cli", "survey", name, "--deadline", "3"),
+                    *(sys.executable, "-m", "gcs.cli.main", "survey", name, "--deadline", "3"),
                     *("--swarm", "alone", "--connect", f"tcp/127.0.0.1:{self.tcp}"),
                 ],
                 capture_output=True,

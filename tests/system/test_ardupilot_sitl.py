@@ -16,9 +16,9 @@ import types
 
 import pytest
 
-from simvehicle.conductor import Outcome
-from simvehicle.fly import fly
-from simvehicle.survey import load
+from simvehicle.survey.fly import fly
+from simvehicle.survey.supervisor import SurveyOutcome
+from simvehicle.survey.survey_file import load
 
 pytestmark = pytest.mark.system
 
@@ -45,7 +45,7 @@ def load_fleet_module() -> types.ModuleType:
 def test_the_survey_with_real_arducopters(tmp_path: pathlib.Path) -> None:
     survey = load(SURVEY, speedup=SPEEDUP)
     got = fly(survey, out=tmp_path, commands=load_fleet_module().fleet_command).summary
-    assert got.outcome == Outcome.SOURCE_FOUND, got
+    assert got.outcome == SurveyOutcome.SOURCE_FOUND, got
     assert (got.alive, got.lost_processes, got.fence_breaches) == (len(survey.drones), (), 0)
     assert got.source_error_m is not None
     assert got.source_error_m < 5.0
@@ -82,7 +82,7 @@ def test_the_harness_of_real_arducopters_with_stand_ins(
     monkeypatch.setenv("ARDUCOPTER_DEFAULTS", os.path.relpath(defaults))
     flown = fly(load(file), out=tmp_path / "out", commands=load_fleet_module().fleet_command)
     got = flown.summary
-    assert (got.outcome, got.alive, got.lost_processes) == (Outcome.TIME_LIMIT, 2, ()), got
+    assert (got.outcome, got.alive, got.lost_processes) == (SurveyOutcome.TIME_LIMIT, 2, ()), got
     assert not [text for text in got.warnings if "killed" in text]
     for drone in got.per_drone:
         assert drone.landed
@@ -102,5 +102,5 @@ def test_an_arducopter_that_does_not_start_is_named(
     file.write_text(SHORT, encoding="utf-8")
     monkeypatch.setenv("ARDUCOPTER_SITL", str(program))
     got = fly(load(file), out=tmp_path / "out", commands=load_fleet_module().fleet_command).summary
-    assert got.outcome == Outcome.FAILED
+    assert got.outcome == SurveyOutcome.FAILED
     assert "arducopter-1 ended (exit code 1): Failed to load defaults" in got.reason

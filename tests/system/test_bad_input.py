@@ -14,8 +14,8 @@ from collections.abc import Iterator
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flightstack.recording import FlightRecorder
-from simvehicle.ports import free_ports
+from flightstack.recording.recorder import FlightRecorder
+from simvehicle.survey.ports import free_ports
 
 pytestmark = pytest.mark.system
 

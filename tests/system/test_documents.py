@@ -29,9 +29,9 @@ import yaml
 from typer.testing import CliRunner
 
 import flightstack.cli
-import gcs.cli
-import simvehicle.cli
-from simvehicle.ports import free_ports
+import gcs.cli.main
+import simvehicle.cli.main
+from simvehicle.survey.ports import free_ports
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(900)]
 

@@ -15,11 +15,11 @@ from collections.abc import Callable, Iterator
 import psutil
 import pytest
 
-from flightstack.shared_clock import Cells
-from simvehicle import launch
-from simvehicle.conductor import Outcome
-from simvehicle.fly import HEARD_WITHIN_S, Flown, fly, write_report
-from simvehicle.survey import Kill, load
+from flightstack.recording.shared_clock import Cells
+from simvehicle.survey import launch
+from simvehicle.survey.fly import HEARD_WITHIN_S, Flown, fly, write_report
+from simvehicle.survey.supervisor import SurveyOutcome
+from simvehicle.survey.survey_file import Kill, load
 
 pytestmark = pytest.mark.system
 
@@ -74,7 +74,7 @@ def test_a_survey_from_start_to_report(survey_file: pathlib.Path, tmp_path: path
     survey = load(survey_file)
     flown = fly(survey, out=tmp_path / "out", commands=STANDIN)
     got = flown.summary
-    assert got.outcome == Outcome.SOURCE_FOUND
+    assert got.outcome == SurveyOutcome.SOURCE_FOUND
     assert (got.drones, got.alive, got.orphans, got.lost_processes) == (3, 3, (), ())
     # At 20 times real time a message that needs 0.3 s on a busy machine is heard 6 s late.
     assert got.time_to_contact_s is not None
@@ -95,7 +95,7 @@ def test_a_survey_from_start_to_report(survey_file: pathlib.Path, tmp_path: path
 def test_a_killed_agent_and_its_orphan(survey_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
     flown = fly(load(survey_file), out=tmp_path / "out", kills=(Kill(3, 25.0),), commands=STANDIN)
     got = flown.summary
-    assert (got.outcome, got.alive) == (Outcome.SOURCE_FOUND, 2)
+    assert (got.outcome, got.alive) == (SurveyOutcome.SOURCE_FOUND, 2)
     assert got.kills[3] == pytest.approx(25.0, abs=2.5), "simulated time waits for the launcher"
     assert [(o.drone, o.modes) for o in got.orphans] == [(3, "GUIDED > RTL")]
     assert got.lost_processes == (), "a kill on purpose is no surprise"
@@ -104,7 +104,7 @@ def test_a_killed_agent_and_its_orphan(survey_file: pathlib.Path, tmp_path: path
 
 def test_a_part_that_cannot_start(survey_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
     flown: Flown = fly(load(survey_file), out=tmp_path / "out", commands=BROKEN)
-    assert flown.summary.outcome == Outcome.FAILED
+    assert flown.summary.outcome == SurveyOutcome.FAILED
     assert flown.bad_input
     assert flown.summary.reason == "ground ended (exit code 2): ground.yaml: port 14550 is in use"
     assert nothing_runs(flown.directory)

@@ -17,7 +17,7 @@ pytestmark = [pytest.mark.system, pytest.mark.timeout(1200)]
 
 REPOSITORY = pathlib.Path(__file__).parents[2]
 SURVEY = "examples/survey.yaml"
-FLY = [sys.executable, "-m", "simvehicle.cli", "fly"]
+FLY = [sys.executable, "-m", "simvehicle.cli.main", "fly"]
 
 
 def nothing_runs(directory: pathlib.Path) -> bool:

@@ -16,12 +16,12 @@ from collections.abc import Iterator
 import msgspec
 import pytest
 
-from flightstack import topics
+from flightstack.swarm import topics
+from flightstack.swarm.wire import Command, CommandOutcome, DroneState, Phase, Result
 from flightstack.transport.zenoh_transport import ZenohTransport
-from flightstack.wire import Command, DroneState, Outcome, Phase, Result
-from mission.frames import Geodetic, LocalFrame
-from mission.observation import Scalar, Wind
-from simvehicle.ports import free_port
+from mission.geometry.frames import Geodetic, LocalFrame
+from mission.strategies.contract import Scalar, Wind
+from simvehicle.survey.ports import free_port
 
 pytestmark = pytest.mark.system
 
@@ -56,7 +56,7 @@ class StandIns:
                     if command.target in (0, drone) and drone not in self.silent:
                         self.heard.append((drone, command))
                         refused = drone in self._refusing
-                        outcome = Outcome(
+                        outcome = CommandOutcome(
                             command.identity,
                             drone,
                             Result.REFUSED if refused else Result.ACCEPTED,
@@ -116,7 +116,9 @@ def site(tmp_path):
 @contextlib.contextmanager
 def serving(path) -> Iterator[subprocess.Popen[str]]:
     process = subprocess.Popen(
-        [sys.executable, "-m", "gcs.cli", "serve", "--config", str(path)], stderr=subprocess.PIPE, text=True
+        [sys.executable, "-m", "gcs.cli.main", "serve", "--config", str(path)],
+        stderr=subprocess.PIPE,
+        text=True,
     )
     try:
         yield process
@@ -137,7 +139,7 @@ def agents(endpoint, drones=(1, 2, 3), refusing=()) -> Iterator[StandIns]:
 
 def gcs(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "gcs.cli", *arguments], capture_output=True, text=True, timeout=60
+        [sys.executable, "-m", "gcs.cli.main", *arguments], capture_output=True, text=True, timeout=60
     )
 
 
@@ -206,7 +208,7 @@ def test_status_when_nobody_is_there(site):
 
 
 def test_the_station_records_the_swarm_and_ends_cleanly(site, tmp_path):
-    from flightstack.recording import read_recording
+    from flightstack.recording.recorder import read_recording
 
     path, endpoint = site
     with serving(path) as station, agents(endpoint):
@@ -225,7 +227,7 @@ def test_the_station_records_the_swarm_and_ends_cleanly(site, tmp_path):
 def test_watch_draws_the_swarm_and_ends_with_ctrl_c(site, open_terminal):
     path, endpoint = site
     with serving(path), agents(endpoint) as swarm:
-        terminal = open_terminal(sys.executable, "-m", "gcs.cli", "watch", "--config", str(path))
+        terminal = open_terminal(sys.executable, "-m", "gcs.cli.main", "watch", "--config", str(path))
         frame = terminal.wait_for("3 of 3 live")
         assert len(frame) <= 24
         assert max(map(len, frame)) <= 80

@@ -18,12 +18,12 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flightstack import topics
-from flightstack.recording import read_recording
+from flightstack.recording.recorder import read_recording
+from flightstack.swarm import topics
+from flightstack.swarm.wire import DroneState, Phase
 from flightstack.transport.zenoh_transport import ZenohTransport
-from flightstack.wire import DroneState, Phase
-from mission.frames import Geodetic, LocalFrame
-from simvehicle.ports import free_port
+from mission.geometry.frames import Geodetic, LocalFrame
+from simvehicle.survey.ports import free_port
 
 pytestmark = pytest.mark.system
 
@@ -48,7 +48,7 @@ def running(*command: str) -> Iterator[subprocess.Popen[bytes]]:
 
 
 def vehicles(count: int, flavour: str, companion: int, ground: int, speedup: float) -> list[str]:
-    command = ["simvehicle.cli", "run", "--count", str(count), "--flavour", flavour]
+    command = ["simvehicle.cli.main", "run", "--count", str(count), "--flavour", flavour]
     command += ["--companion-port", str(companion), "--ground-port", str(ground)]
     return [*command, "--speedup", str(speedup), "--ready-after-s", "3"]
 
@@ -162,7 +162,7 @@ def test_an_orphan_is_brought_home(tmp_path):
     )
     with (
         running(*vehicles(1, "ardupilot", companion, ground, SPEEDUP)),
-        running("gcs.cli", "serve", "--config", str(config)) as station,
+        running("gcs.cli.main", "serve", "--config", str(config)) as station,
         contextlib.closing(Companion(companion, endpoint)) as pilot,
     ):
         pilot.take_off(10.0)
@@ -173,7 +173,17 @@ def test_an_orphan_is_brought_home(tmp_path):
         pilot.wait_for(lambda m: m.get_type() == "HEARTBEAT" and m.custom_mode == 6)
         pilot.wait_for(lambda m: m.get_type() == "HEARTBEAT" and not m.base_mode & 128)
         status = subprocess.run(
-            [sys.executable, "-m", "gcs.cli", "status", "--config", str(config), "--json", "--seconds", "3"],
+            [
+                sys.executable,
+                "-m",
+                "gcs.cli.main",
+                "status",
+                "--config",
+                str(config),
+                "--json",
+                "--seconds",
+                "3",
+            ],
             capture_output=True,
             text=True,
             timeout=60,
@@ -213,7 +223,7 @@ def link(request) -> Iterator[tuple[str, str]]:
 
 def gcs(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "gcs.cli", *arguments], capture_output=True, text=True, timeout=90
+        [sys.executable, "-m", "gcs.cli.main", *arguments], capture_output=True, text=True, timeout=90
     )
 
 

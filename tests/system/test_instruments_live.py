@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sensors.instruments import INSTRUMENTS
-from sensors.samples import Quantity
+from sensors.instruments.registry import INSTRUMENTS
+from sensors.instruments.samples import Quantity
 from simvehicle.instruments import EMULATORS, Air, Emulator, make_emulator
 
 pytestmark = pytest.mark.system

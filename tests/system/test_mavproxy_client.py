@@ -19,11 +19,11 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from mission.frames import Geodetic
-from simvehicle.config import FleetConfig, VehicleSpec
-from simvehicle.fleet import Fleet, run
-from simvehicle.ports import free_port
-from simvehicle.vehicle import SimulatedVehicle
+from mission.geometry.frames import Geodetic
+from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec
+from simvehicle.fleet.process import Fleet, run
+from simvehicle.survey.ports import free_port
+from simvehicle.vehicle.simulated_vehicle import SimulatedVehicle
 
 pytestmark = [pytest.mark.system, pytest.mark.optional, pytest.mark.timeout(600)]
 

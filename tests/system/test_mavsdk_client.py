@@ -13,11 +13,11 @@ from typing import Any
 
 import pytest
 
-from mission.frames import Geodetic
-from simvehicle.config import FleetConfig, VehicleSpec, WindConfig
-from simvehicle.fleet import Fleet, run
-from simvehicle.ports import free_port
-from simvehicle.vehicle import SimulatedVehicle
+from mission.geometry.frames import Geodetic
+from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec, WindConfig
+from simvehicle.fleet.process import Fleet, run
+from simvehicle.survey.ports import free_port
+from simvehicle.vehicle.simulated_vehicle import SimulatedVehicle
 
 pytestmark = pytest.mark.system
 mavsdk = pytest.importorskip("mavsdk.asyncio", reason="needs the extra 'ground' (mavsdk)")

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from simvehicle.ports import free_port
+from simvehicle.survey.ports import free_port
 
 pytestmark = pytest.mark.system
 
@@ -29,7 +29,7 @@ def listener() -> Iterator[socket.socket]:
 
 def start(*arguments: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, "-m", "simvehicle.cli", "run", *arguments],
+        [sys.executable, "-m", "simvehicle.cli.main", "run", *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.system
 
 def simvehicle(*arguments: str, cwd: pathlib.Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "simvehicle.cli", *arguments],
+        [sys.executable, "-m", "simvehicle.cli.main", *arguments],
         capture_output=True,
         text=True,
         cwd=cwd,
@@ -100,7 +100,7 @@ def test_what_cannot_be_is_one_line(arguments: list[str], words: str, tmp_path: 
 def test_no_room_for_machine_code_is_one_line(tmp_path: pathlib.Path) -> None:
     limited = "import resource, runpy, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096)); "
     limited += "sys.argv = ['simvehicle', 'trial', '--drones', '2', '--arena', '20']; "
-    limited += "runpy.run_module('simvehicle.cli', run_name='__main__')"
+    limited += "runpy.run_module('simvehicle.cli.main', run_name='__main__')"
     done = subprocess.run(
         [sys.executable, "-c", limited],
         capture_output=True,
@@ -141,7 +141,7 @@ def test_a_killed_experiment_goes_on(tmp_path: pathlib.Path) -> None:
     arguments = ["experiment", "locus-2", "--sizes", "2,3,4,5,6,7,8,9,10", "--trials", "60", "--json"]
     arguments += ["--strategies", "mobs,locus", "--out", "here"]
     running = subprocess.Popen(
-        [sys.executable, "-m", "simvehicle.cli", *arguments],
+        [sys.executable, "-m", "simvehicle.cli.main", *arguments],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         cwd=tmp_path,

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import pytest
 
-from simvehicle.ports import free_port
+from simvehicle.survey.ports import free_port
 
 pytestmark = pytest.mark.system
 

@@ -11,7 +11,7 @@ import select
 import sys
 import time
 
-from flightstack.topics import EVENT, STATE
+from flightstack.swarm.topics import EVENT, STATE
 from flightstack.transport.zenoh_transport import ZenohTransport
 
 TICK_S = 0.05

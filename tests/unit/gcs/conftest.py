@@ -9,14 +9,14 @@ import msgspec
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flightstack import topics
 from flightstack.config import SwarmConfig
-from flightstack.topics import Topic
+from flightstack.swarm import topics
+from flightstack.swarm.topics import Topic
+from flightstack.swarm.wire import DroneState, Phase, TreeState
 from flightstack.transport import Received
-from flightstack.wire import DroneState, Phase, TreeState
-from gcs.config import GroundConfig, MavlinkConfig
-from gcs.fleet import FleetView
-from mission.frames import Geodetic, LocalFrame
+from gcs.fleet.view import FleetView
+from gcs.station_config import GroundConfig, MavlinkConfig
+from mission.geometry.frames import Geodetic, LocalFrame
 
 ORIGIN = Geodetic(28.2724, -16.6425, 2300.0)
 FRAME = LocalFrame(ORIGIN)

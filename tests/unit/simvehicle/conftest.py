@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from mission.frames import Geodetic
-from simvehicle.config import FleetConfig, VehicleSpec, WindConfig
-from simvehicle.vehicle import SimulatedVehicle
-from simvehicle.worlds import make_world
+from mission.geometry.frames import Geodetic
+from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec, WindConfig
+from simvehicle.vehicle.simulated_vehicle import SimulatedVehicle
+from simvehicle.world.configured import make_world
 
 ORIGIN = Geodetic(-5.06, 151.3, 500.0)
 

@@ -1,0 +1,1 @@
+"""What one drone does: phases, guidance, homecoming, guard."""

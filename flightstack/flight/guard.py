@@ -1,0 +1,289 @@
+"""The last word before a setpoint leaves the drone: geofence, altitude band, separation, speed, staleness.
+
+The guard turns an intent into a velocity, takes away from it whatever would lead over a limit, and says what
+held it back. It never makes a drone faster and never trusts a strategy.
+
+Each limit is a half-plane: the part of the velocity that leads towards it may be no larger than a speed from
+which the drone can still stop before it (`braking_speed_mps`), a discrete form of a control barrier function
+(Ames et al., "Control barrier functions: theory and applications", 2019).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import msgspec
+
+from flightstack.config import LimitsConfig
+from flightstack.flight.guidance import FRESH_S, whereabouts
+from mission.geometry.frames import Vector3
+from mission.geometry.geofence import LocalFence
+from mission.strategies.contract import GoTo, Hold, Intent, Neighbour, Velocity
+
+GAIN_PER_S = 0.8
+"""Speed asked for per metre of distance, close to a target or a limit."""
+
+SEPARATION_MARGIN_M = 1.0
+"""Room over the configured minimum for the positions' own errors."""
+
+REACTION_S = 0.3
+"""Time from a setpoint to the vehicle's following it."""
+
+AGEING_MPS = 0.5
+"""How fast the room around a silent neighbour grows with the age of what it last said."""
+
+AGEING_LIMIT_M = 1.0
+
+STATION_M = 0.5
+"""Nearer than this to an unopposed target, the autopilot's own position controller keeps the station."""
+
+
+class PositionTarget(msgspec.Struct, frozen=True, tag=True):
+    position_ned_m: Vector3
+
+
+class VelocityTarget(msgspec.Struct, frozen=True, tag=True):
+    velocity_ned_mps: Vector3
+
+
+Setpoint = PositionTarget | VelocityTarget
+
+
+class Guarded(msgspec.Struct, frozen=True):
+    setpoint: Setpoint
+    held_by: tuple[str, ...]
+    """What took part of the intent away, in words for an operator; empty if nothing did."""
+
+
+def braking_speed_mps(distance_m: float, acceleration_mps2: float) -> float:
+    """Largest speed towards something `distance_m` away from which one stops in time; negative once past it."""
+    if distance_m <= 0.0:
+        return GAIN_PER_S * distance_m
+    return min(GAIN_PER_S * distance_m, math.sqrt(1.2 * acceleration_mps2 * distance_m))
+
+
+class Guard:
+    """One drone's guard. `apply` is called once a tick; its only memory is the point that a Hold holds."""
+
+    def __init__(self, limits: LimitsConfig, fence: LocalFence | None) -> None:
+        self._limits = limits
+        self._fence = fence
+        self._held_ned_m: Vector3 | None = None
+
+    def apply(
+        self,
+        intent: Intent,
+        position_ned_m: Vector3 | None,
+        velocity_ned_mps: Vector3 | None,
+        position_age_s: float | None,
+        neighbours: Sequence[Neighbour],
+    ) -> Guarded:
+        """The setpoint of this tick: always one, and a stop where it is not known what would be safe."""
+        limits = self._limits
+        if position_ned_m is None or velocity_ned_mps is None or position_age_s is None:
+            return self._stop("own position is not known")
+        if position_age_s > limits.position_stale_s:
+            return self._stop(f"own position is {position_age_s:.1f} s old")
+        if not _all_finite(intent, (*position_ned_m, *velocity_ned_mps, position_age_s), neighbours):
+            return self._stop("a position, velocity or target is not a number")
+        held_by: list[str] = []
+        target: Vector3 | None = None
+        match intent:
+            case Hold():
+                target = self._held_ned_m = self._held_ned_m or _stopping_point(
+                    position_ned_m, velocity_ned_mps, limits.acceleration_mps2
+                )
+            case GoTo(position_ned_m=wanted):
+                self._held_ned_m = None
+                target = wanted
+            case Velocity(velocity_ned_mps=wanted):
+                self._held_ned_m = None
+                velocity = self._capped(wanted, limits.speed_mps)
+        if target is not None:
+            target = self._allowed(target, held_by)
+            speed_mps = limits.speed_mps
+            if isinstance(intent, GoTo) and intent.speed_mps is not None:
+                speed_mps = min(speed_mps, intent.speed_mps)
+            velocity = self._towards(position_ned_m, target, speed_mps)
+        wanted_velocity = velocity
+        velocity = self._keep_apart(position_ned_m, velocity, neighbours, held_by)
+        velocity = self._keep_band(position_ned_m, velocity, held_by)
+        velocity = self._keep_inside(position_ned_m, velocity, held_by)
+        velocity = self._capped(velocity, limits.speed_mps)
+        near = target is not None and math.dist(position_ned_m, target) < STATION_M
+        if near and target is not None and velocity == wanted_velocity:
+            return Guarded(PositionTarget(target), tuple(held_by))
+        return Guarded(VelocityTarget(velocity), tuple(held_by))
+
+    def _stop(self, why: str) -> Guarded:
+        self._held_ned_m = None
+        return Guarded(VelocityTarget((0.0, 0.0, 0.0)), (why,))
+
+    def _allowed(self, target: Vector3, held_by: list[str]) -> Vector3:
+        """The target itself, or the nearest point that the altitude band and the fence allow."""
+        limits = self._limits
+        north_m, east_m, down_m = target
+        if self._fence is not None and self._fence.clearance_m(north_m, east_m) < limits.fence_margin_m:
+            north_m, east_m = self._fence.nearest_allowed(north_m, east_m, limits.fence_margin_m)
+            held_by.append("the target lies outside the geofence")
+        lowest_m, highest_m = -limits.floor_above_home_m, -limits.ceiling_above_home_m
+        if not highest_m <= down_m <= lowest_m:
+            down_m = min(max(down_m, highest_m), lowest_m)
+            held_by.append("the target lies outside the altitude band")
+        return north_m, east_m, down_m
+
+    def _towards(self, position: Vector3, target: Vector3, speed_mps: float) -> Vector3:
+        limits = self._limits
+        north_m, east_m = target[0] - position[0], target[1] - position[1]
+        distance_m = math.hypot(north_m, east_m)
+        horizontal_mps = min(speed_mps, braking_speed_mps(distance_m, limits.acceleration_mps2))
+        scale = horizontal_mps / distance_m if distance_m > 1e-6 else 0.0
+        down_m = target[2] - position[2]
+        vertical_mps = min(
+            limits.descent_mps if down_m > 0.0 else limits.climb_mps,
+            braking_speed_mps(abs(down_m), limits.acceleration_mps2),
+        )
+        return north_m * scale, east_m * scale, math.copysign(vertical_mps, down_m)
+
+    def _keep_apart(
+        self, position: Vector3, velocity: Vector3, neighbours: Sequence[Neighbour], held_by: list[str]
+    ) -> Vector3:
+        """Limit how fast the drone closes in on each neighbour; step aside to the right where they would block."""
+        limits = self._limits
+        near: list[tuple[Vector3, float, float, int]] = []
+        reach_m = limits.separation_m + SEPARATION_MARGIN_M + AGEING_LIMIT_M + 4.0 * limits.speed_mps
+        for other in neighbours:
+            if not other.airborne:
+                continue
+            to_other = tuple(o - p for o, p in zip(whereabouts(other, position), position, strict=True))
+            distance_m = math.hypot(*to_other)
+            if distance_m > reach_m:
+                continue
+            room_m = limits.separation_m + SEPARATION_MARGIN_M + min(AGEING_MPS * other.age_s, AGEING_LIMIT_M)
+            towards = (
+                (to_other[0] / distance_m, to_other[1] / distance_m, to_other[2] / distance_m)
+                if distance_m > 1e-3
+                else (0.0, 0.0, 1.0)
+            )
+            approaching_mps = (
+                min(0.0, _dot(other.velocity_ned_mps, towards)) if other.age_s < FRESH_S else 0.0
+            )
+            allowed_mps = braking_speed_mps(distance_m - room_m, limits.acceleration_mps2) + approaching_mps
+            near.append((towards, allowed_mps, distance_m - room_m, other.drone))
+        for _ in range(3):
+            for towards, allowed_mps, spare_m, drone in near:
+                closing_mps = _dot(velocity, towards)
+                if closing_mps <= allowed_mps:
+                    continue
+                excess_mps = closing_mps - allowed_mps
+                velocity = _minus(velocity, towards, excess_mps)
+                if spare_m < 2.0 and closing_mps > 0.0:
+                    velocity = _sidestep(velocity, towards, min(0.5 * closing_mps, 1.0))
+                text = f"kept apart from drone {drone}"
+                if text not in held_by:
+                    held_by.append(text)
+        return velocity
+
+    def _keep_band(self, position: Vector3, velocity: Vector3, held_by: list[str]) -> Vector3:
+        limits = self._limits
+        down_mps = velocity[2]
+        fastest_down = braking_speed_mps(-limits.floor_above_home_m - position[2], limits.acceleration_mps2)
+        fastest_up = braking_speed_mps(position[2] + limits.ceiling_above_home_m, limits.acceleration_mps2)
+        kept_mps = max(min(down_mps, fastest_down), -fastest_up)
+        kept_mps = max(min(kept_mps, limits.descent_mps), -limits.climb_mps)
+        if abs(kept_mps - down_mps) > 0.05:
+            held_by.append("altitude band")
+        return velocity[0], velocity[1], kept_mps
+
+    def _keep_inside(self, position: Vector3, velocity: Vector3, held_by: list[str]) -> Vector3:
+        if self._fence is None:
+            return velocity
+        north_m, east_m = position[0], position[1]
+        spare_m = self._fence.clearance_m(north_m, east_m) - self._limits.fence_margin_m
+        if spare_m > 4.0 * self._limits.speed_mps:
+            return velocity
+        edge_n, edge_e = self._fence.nearest_edge_point(north_m, east_m)
+        outward = (edge_n - north_m, edge_e - east_m)
+        length_m = math.hypot(*outward)
+        if length_m < 1e-3:
+            back_n, back_e = self._fence.nearest_allowed(north_m, east_m, self._limits.fence_margin_m)
+            outward = (north_m - back_n, east_m - back_e)
+            length_m = max(math.hypot(*outward), 1e-3)
+        elif spare_m < -self._limits.fence_margin_m:
+            outward = (-outward[0], -outward[1])  # outside: the edge is the way back
+        towards = (outward[0] / length_m, outward[1] / length_m, 0.0)
+        allowed_mps = braking_speed_mps(spare_m, self._limits.acceleration_mps2)
+        closing_mps = _dot(velocity, towards)
+        kept = (
+            velocity if closing_mps <= allowed_mps else _minus(velocity, towards, closing_mps - allowed_mps)
+        )
+        kept = self._able_to_stop(position, kept, spare_m)
+        if kept != velocity:
+            held_by.append("geofence")
+        return kept
+
+    def _able_to_stop(self, position: Vector3, velocity: Vector3, spare_m: float) -> Vector3:
+        """Slow down until the drone can stop inside: a corner has a second edge that is not the nearest yet."""
+        if self._fence is None:
+            return velocity
+        needed_m = self._limits.fence_margin_m + min(spare_m, 0.0) - 0.1
+        for part in (1.0, 0.8, 0.6, 0.4, 0.2):
+            north_mps, east_mps = velocity[0] * part, velocity[1] * part
+            stop_s = REACTION_S + math.hypot(north_mps, east_mps) / (1.2 * self._limits.acceleration_mps2)
+            stop = position[0] + north_mps * stop_s, position[1] + east_mps * stop_s
+            if self._fence.clearance_m(*stop) >= needed_m:
+                return north_mps, east_mps, velocity[2]
+        return 0.0, 0.0, velocity[2]
+
+    def _capped(self, velocity: Vector3, speed_mps: float) -> Vector3:
+        limits = self._limits
+        horizontal_mps = math.hypot(velocity[0], velocity[1])
+        scale = min(1.0, speed_mps / horizontal_mps) if horizontal_mps > 0.0 else 1.0
+        down_mps = max(min(velocity[2], limits.descent_mps), -limits.climb_mps)
+        return velocity[0] * scale, velocity[1] * scale, down_mps
+
+
+def _all_finite(intent: Intent, own: Sequence[float], neighbours: Sequence[Neighbour]) -> bool:
+    """Their sources check them too, but here nothing may go wrong: a setpoint that is none ends the agent."""
+    numbers = list(own)
+    match intent:
+        case GoTo(position_ned_m=wanted, speed_mps=speed_mps):
+            numbers += wanted if speed_mps is None else (*wanted, speed_mps)
+        case Velocity(velocity_ned_mps=wanted):
+            numbers += wanted
+    for other in neighbours:
+        numbers += (*other.position_ned_m, *other.velocity_ned_mps, other.age_s)
+    return math.isfinite(sum(numbers))
+
+
+def _stopping_point(position: Vector3, velocity: Vector3, acceleration_mps2: float) -> Vector3:
+    """Where a drone that brakes now comes to rest: holding there spares it flying back."""
+    speed_mps = math.hypot(*velocity)
+    ahead_s = speed_mps / (2.0 * acceleration_mps2)
+    n, e, d = (p + v * ahead_s for p, v in zip(position, velocity, strict=True))
+    return n, e, d
+
+
+def _dot(a: Vector3, b: Vector3) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _minus(velocity: Vector3, direction: Vector3, speed_mps: float) -> Vector3:
+    return (
+        velocity[0] - direction[0] * speed_mps,
+        velocity[1] - direction[1] * speed_mps,
+        velocity[2] - direction[2] * speed_mps,
+    )
+
+
+def _sidestep(velocity: Vector3, towards: Vector3, speed_mps: float) -> Vector3:
+    """Add a horizontal motion to the right of `towards`: two drones face to face both give way to the right."""
+    length = math.hypot(towards[0], towards[1])
+    if length < 0.3:  # the other is above or below: no side is better
+        return velocity
+    return (
+        velocity[0] - towards[1] / length * speed_mps,
+        velocity[1] + towards[0] / length * speed_mps,
+        velocity[2],
+    )

@@ -1,0 +1,112 @@
+"""Where a drone flies on its own account: forming up, filling another's slot, going home.
+
+Each path is a plain function of where the drone is and where it shall be: it has no memory, so that a drone that
+was pushed aside, paused or restarted goes on from wherever it finds itself. All positions are NED metres in the
+swarm's frame; "layer" is the altitude (as down) that belongs to one drone while it crosses the others' way.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+from mission.geometry.frames import Vector3
+from mission.strategies.contract import Neighbour
+
+CORRIDOR_M = 1.5
+"""Horizontal distance below which a drone counts as above or below its target."""
+
+
+PARKED_M = 3.0
+"""Room to a drone on the ground."""
+
+
+def horizontal_m(a: Vector3, b: Vector3) -> float:
+    return math.hypot(a[0] - b[0], a[1] - b[1])
+
+
+def over_the_top(position_ned_m: Vector3, target_ned_m: Vector3, layer_down_m: float) -> Vector3:
+    """Climb to the layer, cross in it, come down onto the target: forming up and going home."""
+    return _by_layer(
+        position_ned_m, target_ned_m, layer_down_m, reached=position_ned_m[2] <= layer_down_m + 1.0
+    )
+
+
+def underneath(position_ned_m: Vector3, target_ned_m: Vector3, layer_down_m: float) -> Vector3:
+    """Descend below the formation, cross there, climb into the slot: the heir's way (LoCUS paper, figure 5)."""
+    return _by_layer(
+        position_ned_m, target_ned_m, layer_down_m, reached=position_ned_m[2] >= layer_down_m - 0.7
+    )
+
+
+COAST_S = 4.0
+"""How long a vehicle may fly on after its agent's last word: ArduPilot follows a velocity for 3 s, then brakes."""
+
+FRESH_S = 1.0
+"""A position this young is extended by its velocity; of an older one only the stretch is known that it lies on."""
+
+
+def whereabouts(other: Neighbour, seen_from_ned_m: Vector3) -> Vector3:
+    """Where a neighbour is now; of the places where one that fell silent can have come to rest, the nearest."""
+    position, velocity = other.position_ned_m, other.velocity_ned_mps
+    if other.age_s <= FRESH_S:
+        ahead_s = other.age_s
+    else:
+        speed2 = math.fsum(v * v for v in velocity)
+        to_us = math.fsum((s - p) * v for s, p, v in zip(seen_from_ned_m, position, velocity, strict=True))
+        ahead_s = min(max(to_us / speed2, 0.0), other.age_s, COAST_S) if speed2 > 1e-4 else 0.0
+    n, e, d = (p + v * ahead_s for p, v in zip(position, velocity, strict=True))
+    return n, e, d
+
+
+_BESIDE_M = sorted(
+    ((2.0 * i, 2.0 * j) for i in range(-12, 13) for j in range(-12, 13)),
+    key=lambda beside: math.hypot(*beside),
+)
+"""A 2 m grid about home, the nearest place first."""
+
+
+def column_free(point_ned_m: Vector3, neighbours: Sequence[Neighbour], room_m: float) -> bool:
+    """Whether nobody who will not make way hovers within `room_m` of the column above a point."""
+    return all(
+        horizontal_m(
+            point_ned_m, whereabouts(other, (point_ned_m[0], point_ned_m[1], other.position_ned_m[2]))
+        )
+        >= room_m
+        for other in neighbours
+        if other.airborne and other.adrift
+    )
+
+
+def landing_point(
+    home_ned_m: Vector3,
+    neighbours: Sequence[Neighbour],
+    room_m: float,
+    allowed: Callable[[float, float], bool],
+) -> Vector3:
+    """Where to come down: home, or the nearest place that nobody blocks who will not make way.
+
+    A drone whose agent died may hover over the launch line until its battery is empty. Then the nearest point of a
+    2 m grid around home is taken that keeps `room_m` from its column and `PARKED_M` from drones on the ground;
+    home again where there is none.
+    """
+    if column_free(home_ned_m, neighbours, room_m):
+        return home_ned_m
+    parked = [n.position_ned_m for n in neighbours if not n.airborne]
+    for north_m, east_m in _BESIDE_M:
+        point = (home_ned_m[0] + north_m, home_ned_m[1] + east_m, home_ned_m[2])
+        if (
+            all(horizontal_m(point, other) >= PARKED_M for other in parked)
+            and column_free(point, neighbours, room_m)
+            and allowed(point[0], point[1])
+        ):
+            return point
+    return home_ned_m
+
+
+def _by_layer(position: Vector3, target: Vector3, layer_down_m: float, *, reached: bool) -> Vector3:
+    if horizontal_m(position, target) <= CORRIDOR_M:
+        return target
+    if reached:
+        return target[0], target[1], layer_down_m
+    return position[0], position[1], layer_down_m

@@ -1,0 +1,119 @@
+"""Why a drone must leave the survey, and how it comes home."""
+
+from __future__ import annotations
+
+import math
+
+from flightstack.autopilot import VehicleReport
+from flightstack.config import LimitsConfig
+from flightstack.flight.guard import AGEING_LIMIT_M, SEPARATION_MARGIN_M
+from flightstack.flight.guidance import CORRIDOR_M, column_free, horizontal_m, landing_point, over_the_top
+from mission.geometry.frames import Vector3
+from mission.geometry.geofence import LocalFence
+from mission.strategies.contract import GoTo, Hold, Intent, Neighbour
+
+LANDING_HEIGHT_M = 4.0
+"""Height over home at which the autopilot's own landing takes over."""
+
+STUCK_S = 60.0
+"""How long a returning drone may come no nearer to its home before it lands where it is."""
+
+CHOOSE_EVERY_S = 2.0
+"""How often another landing place is looked for: with a crowd over home it takes the time of a tick."""
+
+BATTERY_SAG_S = 3.0
+"""How long the battery must be low: a sag under load is not an empty battery."""
+
+
+class Leaving:
+    """What makes a drone leave the survey by itself; `reason` once a tick."""
+
+    def __init__(self, limits: LimitsConfig) -> None:
+        self._limits = limits
+        self._battery_low_since_s: float | None = None
+
+    def reason(self, now_s: float, battery_fraction: float | None, ground_heard_s: float | None) -> str:
+        """Why the drone must return, or nothing."""
+        limits = self._limits
+        if battery_fraction is None or battery_fraction > limits.battery_return_fraction:
+            self._battery_low_since_s = None
+        elif self._battery_low_since_s is None:
+            self._battery_low_since_s = now_s
+        elif now_s - self._battery_low_since_s > BATTERY_SAG_S:
+            return f"battery at {battery_fraction:.0%}, below {limits.battery_return_fraction:.0%}"
+        if (
+            limits.ground_lost_s is not None
+            and ground_heard_s is not None
+            and now_s - ground_heard_s > limits.ground_lost_s
+        ):
+            return f"ground station silent for more than {limits.ground_lost_s:.0f} s"
+        return ""
+
+
+class Homecoming:
+    """One drone's way home: over the others in its own layer, down to home or to a free place beside it."""
+
+    def __init__(self, limits: LimitsConfig, fence: LocalFence | None, layer_down_m: float) -> None:
+        self._limits = limits
+        self._fence = fence
+        self._layer_down_m = layer_down_m
+        self._landing_ned_m: Vector3 | None = None
+        """Where this drone comes down: home, unless somebody hovers there who will not make way."""
+        self._choose_after_s = -math.inf
+        self._nearest: tuple[float, float] | None = None
+        """(how far, since when) while returning."""
+        self.over_home = False
+        """Above the landing place and low enough for the autopilot's landing."""
+        self.stuck = False
+        """Returning, and no nearer to home for a minute."""
+
+    def step(
+        self, now_s: float, vehicle: VehicleReport, neighbours: tuple[Neighbour, ...], *, returning: bool
+    ) -> None:
+        self._choose_landing(now_s, vehicle.home_ned_m, neighbours, returning=returning)
+        position, home = vehicle.position_ned_m, self._landing_ned_m
+        self.over_home = (
+            position is not None
+            and home is not None
+            and horizontal_m(position, home) < CORRIDOR_M
+            and home[2] - position[2] < LANDING_HEIGHT_M + 0.5
+        )
+        if not returning or position is None or home is None:
+            self._nearest = None
+            self.stuck = False
+            return
+        distance_m = horizontal_m(position, home)
+        # The climb to the layer and the descent at home are progress too, though not horizontal.
+        way_m = distance_m if distance_m > CORRIDOR_M else home[2] - position[2] - 1000.0
+        if self._nearest is None or way_m < self._nearest[0] - 0.5:
+            self._nearest = (way_m, now_s)
+        self.stuck = now_s - self._nearest[1] > STUCK_S
+
+    def intent(self, position_ned_m: Vector3) -> Intent:
+        """The way from here; a hold while home is not known."""
+        home = self._landing_ned_m
+        if home is None:
+            return Hold()
+        over = (home[0], home[1], home[2] - LANDING_HEIGHT_M)
+        return GoTo(over_the_top(position_ned_m, over, self._layer_down_m))
+
+    def _choose_landing(
+        self, now_s: float, home: Vector3 | None, neighbours: tuple[Neighbour, ...], *, returning: bool
+    ) -> None:
+        """Home, or a place beside it; chosen anew only when the one chosen before is blocked."""
+        if home is None or not returning:
+            self._landing_ned_m = home
+            return
+        limits, fence = self._limits, self._fence
+        room_m = limits.separation_m + SEPARATION_MARGIN_M + AGEING_LIMIT_M + CORRIDOR_M
+        chosen = self._landing_ned_m or home
+        if now_s < self._choose_after_s or column_free(chosen, neighbours, room_m):
+            self._landing_ned_m = chosen
+            return
+
+        def allowed(north_m: float, east_m: float) -> bool:
+            place = (north_m, east_m)
+            return fence is None or fence.path_clear(place, place, limits.fence_margin_m)
+
+        self._choose_after_s = now_s + CHOOSE_EVERY_S
+        self._landing_ned_m = landing_point(home, neighbours, room_m, allowed)

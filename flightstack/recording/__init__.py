@@ -1,0 +1,1 @@
+"""Flight recordings, replay, and clocks."""

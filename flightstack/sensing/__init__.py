@@ -1,0 +1,1 @@
+"""The filter stage of the agent, and the bench that tries instruments."""

@@ -1,0 +1,1 @@
+"""What drones tell each other, and what each makes of it."""

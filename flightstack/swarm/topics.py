@@ -1,0 +1,55 @@
+"""The one table of what goes over the air: key, type, rate, staleness, delivery."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+from typing import Any
+
+from flightstack.swarm.wire import (
+    Codec,
+    Command,
+    CommandOutcome,
+    DroneState,
+    Event,
+    GroundBeat,
+    GroundReport,
+    Traffic,
+    TreeState,
+)
+
+
+class Delivery(enum.Enum):
+    BEST_EFFORT = "best_effort"
+    """Newest wins, dropped under congestion: one slow receiver never holds up the others."""
+    RELIABLE = "reliable"
+
+
+@dataclasses.dataclass(frozen=True)
+class Topic:
+    name: str
+    codec: Codec[Any]
+    rate_hz: float | None
+    """How often it is sent; None: when there is something to say."""
+    stale_s: float | None
+    """How old its newest message may be before a receiver acts on the silence."""
+    delivery: Delivery
+
+    def key(self, swarm: str, sender: int | str) -> str:
+        """zenoh key expression of this topic from one sender; sender "*" matches all."""
+        return f"flightstack/{swarm}/{self.name}/{sender}"
+
+
+STATE = Topic("state", Codec(DroneState), 5.0, 2.0, Delivery.BEST_EFFORT)
+TREE = Topic("tree", Codec(TreeState), 5.0, 2.0, Delivery.BEST_EFFORT)
+COMMAND = Topic("command", Codec(Command), None, None, Delivery.RELIABLE)
+OUTCOME = Topic("outcome", Codec(CommandOutcome), None, None, Delivery.RELIABLE)
+EVENT = Topic("event", Codec(Event), None, None, Delivery.RELIABLE)
+TRAFFIC = Topic("traffic", Codec(Traffic), 4.0, 2.0, Delivery.BEST_EFFORT)
+GROUND = Topic("ground", Codec(GroundBeat), 1.0, 5.0, Delivery.BEST_EFFORT)
+REPORT = Topic("report", Codec(GroundReport), 1.0, 5.0, Delivery.BEST_EFFORT)
+
+TOPICS: dict[str, Topic] = {
+    t.name: t for t in (STATE, TREE, COMMAND, OUTCOME, EVENT, TRAFFIC, GROUND, REPORT)
+}
+"""A drone receives state, tree, command, traffic and ground; a ground station all but ground."""

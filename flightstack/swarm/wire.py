@@ -1,0 +1,236 @@
+"""The messages that drones and ground stations exchange, and their one codec.
+
+A message on the wire is one version byte and a msgpack array: the message's kind, then its fields. Fields are only
+ever appended, with defaults: an older peer then ignores what it does not know, and a newer one fills in what is
+missing. A change that breaks this raises `VERSION`, and the receiver says so in `WireError` instead of guessing.
+
+The kind is in the message, although its key tells it too: on an overloaded machine zenoh was seen to deliver messages
+under the key of another topic after a connection had been made again, and a state must never pass for a command.
+"""
+
+from __future__ import annotations
+
+import enum
+from typing import Generic, TypeVar
+
+import msgspec
+
+from mission.geometry.frames import Vector3
+from mission.strategies.contract import Order, Reading, Scalar, Wind
+
+VERSION = 2
+
+
+class WireError(ValueError):
+    """Bytes that are not a message of this version and type."""
+
+
+class Phase(enum.StrEnum):
+    """What one drone is doing. The transitions stand in `flightstack.flight.phase`."""
+
+    DISARMED = "disarmed"
+    ARMING = "arming"
+    TAKEOFF = "takeoff"
+    FORMING = "forming"
+    SEARCHING = "searching"
+    TRACKING = "tracking"
+    HOLDING = "holding"
+    RETURNING = "returning"
+    LANDING = "landing"
+    LANDED = "landed"
+    PILOT = "pilot"
+    """A person or an autopilot failsafe has the vehicle; we send nothing until a command gives it back."""
+
+
+class DroneState(msgspec.Struct, frozen=True, array_like=True, tag="state"):
+    """What a drone tells everybody about itself, best effort, several times a second."""
+
+    sender: int
+    incarnation: int
+    """Random per start of the agent: a restarted agent is recognised."""
+    sequence: int
+    frame: int
+    """`LocalFrame.identity` of the frame that the positions are in."""
+    phase: Phase
+    position_ned_m: Vector3 | None
+    velocity_ned_mps: Vector3 | None
+    heading_rad: float | None
+    home_ned_m: Vector3 | None
+    armed: bool
+    airborne: bool
+    mode: str
+    """The autopilot's mode in its own words: GUIDED, RTL, OFFBOARD."""
+    battery_fraction: float | None
+    co2_ppm: float | None
+    """The newest valid raw reading."""
+    excess_co2_ppm: Scalar | None
+    wind: Wind | None
+    epoch: int
+    slot: int | None
+    parent: int | None
+    healing: bool
+    tracking_best_ppm: float | None
+    """Largest filtered excess that this drone has measured in this survey."""
+    notes: tuple[str, ...] = ()
+    """Why something is not as it should be: "co2: zeroing 12 of 25", "guard: held back by drone 4"."""
+    ticks: int = 0
+    late_ticks: int = 0
+    position_age_s: float = 0.0
+    """Age of position and velocity when this was sent: a vehicle without GPS drifts away from what it says."""
+
+
+class TreeState(msgspec.Struct, frozen=True, array_like=True, tag="tree"):
+    """A drone's whole knowledge of the swarm tree. Merging is idempotent: loss and repetition do no harm."""
+
+    sender: int
+    incarnation: int
+    frame: int
+    epoch: int
+    author: int
+    """The drone that made this epoch's assignment."""
+    slots: tuple[tuple[int, int], ...]
+    """(drone, slot) of every live member."""
+    lost: tuple[int, ...]
+    """Members that this drone or its informants found dead since the epoch began."""
+    order: Order | None
+    readings: tuple[Reading, ...]
+    heals: int = 0
+    """Heals since the survey began: assignments after the first that moved somebody or dropped somebody."""
+    survey: str = ""
+    """Identity of the command that started the survey; knowledge of another survey is not merged."""
+    lineage: tuple[tuple[int, int], ...] = ()
+    """(survivors that its author heard, itself counted; author) of every epoch since the first: which of two
+    assignments stands is told by it alone (`flightstack.swarm.tree_protocol`)."""
+
+
+class CommandName(enum.StrEnum):
+    START = "start"
+    PAUSE = "pause"
+    RESUME = "resume"
+    ABORT = "abort"
+    """Stop the survey; everybody returns in good order and lands at home."""
+    RTL = "rtl"
+    """The autopilot's own return-to-launch, at once."""
+    LAND = "land"
+    """Land where it is, at once."""
+
+
+class Command(msgspec.Struct, frozen=True, array_like=True, tag="command"):
+    identity: str
+    """Unique; the same identity again is the same command and is answered, not carried out, again."""
+    sender: str
+    target: int
+    """A drone's id, or 0 for every member."""
+    name: CommandName
+
+
+class Result(enum.StrEnum):
+    ACCEPTED = "accepted"
+    REFUSED = "refused"
+
+
+class CommandOutcome(msgspec.Struct, frozen=True, array_like=True, tag="outcome"):
+    command: str
+    sender: int
+    result: Result
+    reason: str = ""
+
+
+class Severity(enum.StrEnum):
+    INFO = "info"
+    WARNING = "warning"
+    CRITICAL = "critical"
+
+
+class Event(msgspec.Struct, frozen=True, array_like=True, tag="event"):
+    """Something that happened once and that a person should be able to read afterwards."""
+
+    sender: int
+    sequence: int
+    severity: Severity
+    code: str
+    """A short stable word: "heal", "contact", "found", "fence", "pilot", "statustext"."""
+    text: str
+
+
+class TrafficVehicle(msgspec.Struct, frozen=True, array_like=True):
+    drone: int
+    position_ned_m: Vector3
+    velocity_ned_mps: Vector3
+    age_s: float
+    airborne: bool = True
+    """False: it is on the ground, and no obstacle where it was last heard flying."""
+
+
+class Traffic(msgspec.Struct, frozen=True, array_like=True, tag="traffic"):
+    """Vehicles that the ground station still hears over MAVLink although their agents are silent."""
+
+    sender: str
+    frame: int
+    vehicles: tuple[TrafficVehicle, ...]
+
+
+class GroundBeat(msgspec.Struct, frozen=True, array_like=True, tag="ground"):
+    sender: str
+    sequence: int
+
+
+class GroundAlarm(msgspec.Struct, frozen=True, array_like=True):
+    drone: int
+    severity: Severity
+    code: str
+    text: str
+    age_s: float
+    """How long it has stood."""
+
+
+class HeardVehicle(msgspec.Struct, frozen=True, array_like=True):
+    """A vehicle as the ground station hears its autopilot over MAVLink, with or without its agent."""
+
+    drone: int
+    mode: str
+    armed: bool
+    airborne: bool
+    position_ned_m: Vector3 | None
+    velocity_ned_mps: Vector3 | None
+    home_ned_m: Vector3 | None
+    battery_fraction: float | None
+    age_s: float
+    """Since its last heartbeat."""
+
+
+class GroundReport(msgspec.Struct, frozen=True, array_like=True, tag="report"):
+    """What the running ground station knows beyond the drones' own messages, for displays alone."""
+
+    sender: str
+    frame: int
+    alarms: tuple[GroundAlarm, ...]
+    vehicles: tuple[HeardVehicle, ...]
+
+
+T = TypeVar("T", bound=msgspec.Struct)
+
+
+class Codec(Generic[T]):
+    """Encoder and decoder of one message type."""
+
+    def __init__(self, kind: type[T]) -> None:
+        self.kind = kind
+        self._encoder = msgspec.msgpack.Encoder()
+        self._decoder = msgspec.msgpack.Decoder(kind)
+
+    def encode(self, message: T) -> bytes:
+        return bytes((VERSION,)) + self._encoder.encode(message)
+
+    def decode(self, data: bytes) -> T:
+        if not data:
+            raise WireError("empty message")
+        if data[0] != VERSION:
+            raise WireError(
+                f"message version {data[0]}, this software speaks {VERSION}: update the older one"
+            )
+        try:
+            return self._decoder.decode(memoryview(data)[1:])
+        # Text that is not UTF-8, or arrays nested thousands deep, are not errors of msgspec's own.
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+            raise WireError(f"not a {self.kind.__name__}: {error}") from error

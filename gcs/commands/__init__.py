@@ -1,0 +1,1 @@
+"""The operator's commands to the swarm."""

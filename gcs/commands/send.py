@@ -1,0 +1,53 @@
+"""Sending one command to the swarm from the operator's shell."""
+
+from __future__ import annotations
+
+import time
+
+from flightstack.swarm import topics
+from flightstack.swarm.wire import CommandName, CommandOutcome, DroneState, GroundReport, WireError
+from gcs.commands.survey import SurveyCommand
+from gcs.connection import Connection
+
+POLL_S = 0.05
+
+
+def command_swarm(connection: Connection, name: CommandName, target: int, deadline_s: float) -> SurveyCommand:
+    """Publish the command until everybody has answered or `deadline_s` of real time has passed."""
+    node = connection.node("command")
+    transport = connection.open(node)
+    try:
+        command = SurveyCommand(
+            name,
+            sender=node,
+            target=target,
+            members=connection.members,
+            started_s=time.monotonic(),
+            deadline_s=deadline_s,
+        )
+        while not command.done(time.monotonic()):
+            if command.due(time.monotonic()):
+                transport.publish(topics.COMMAND, topics.COMMAND.codec.encode(command.command))
+            time.sleep(POLL_S)
+            for received in transport.receive():
+                if received.topic not in (topics.STATE, topics.OUTCOME, topics.REPORT):
+                    continue
+                try:
+                    _take(command, received.topic.codec.decode(received.payload))
+                except WireError:
+                    # Not of our version: such a drone cannot answer us either, and is shown as not heard.
+                    continue
+    finally:
+        transport.close()
+    return command
+
+
+def _take(command: SurveyCommand, message: object) -> None:
+    match message:
+        case DroneState():
+            command.heard(message.sender)
+        case CommandOutcome():
+            command.answered(message)
+        case GroundReport():
+            for vehicle in message.vehicles:
+                command.heard(vehicle.drone)

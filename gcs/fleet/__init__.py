@@ -1,0 +1,1 @@
+"""The fleet as the ground station sees it, and what it does of its own accord."""

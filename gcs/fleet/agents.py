@@ -1,0 +1,81 @@
+"""One drone's agent as its own messages describe it: newest state, restarts, two agents with one id."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+from flightstack.swarm.wire import DroneState, Phase, TreeState
+
+FLYING_PHASES = frozenset(Phase) - {Phase.DISARMED, Phase.ARMING, Phase.LANDED, Phase.PILOT}
+"""The phases in which an agent has its vehicle in the air and is responsible for it."""
+TICK_WINDOW_S = 10.0
+"""Late ticks are counted over this long."""
+
+
+class HeardAgent:
+    """One drone's agent, from its own messages."""
+
+    def __init__(self, drone: int) -> None:
+        self.drone = drone
+        self.state: DroneState | None = None
+        self.state_s: float | None = None
+        self.tree: TreeState | None = None
+        self.tree_s: float | None = None
+        self.restarts = 0
+        """How often a new incarnation was heard."""
+        self.clashes = 0
+        """Messages of an incarnation that had been replaced: two agents run with one id."""
+        self.clash_s: float | None = None
+        self.flown = False
+        """The agent had its vehicle in the air and the vehicle has not been seen disarmed since."""
+        self.last_flying_s: float | None = None
+        """When the agent last said so, and in which phase."""
+        self.last_flying_phase: Phase | None = None
+        self._flying_incarnation: int | None = None
+        self._incarnations: list[int] = []
+        self._ticks: deque[tuple[float, int, int]] = deque()
+
+    def age_s(self, now_s: float) -> float:
+        return math.inf if self.state_s is None else now_s - self.state_s
+
+    def receive_state(self, now_s: float, state: DroneState) -> bool:
+        """Take a state; False for one that is older than what is known or of a replaced incarnation."""
+        known = self.state
+        if known is None or state.incarnation != known.incarnation:
+            if state.incarnation in self._incarnations:
+                self.clashes += 1
+                self.clash_s = now_s
+                return False
+            self.restarts += bool(self._incarnations)
+            self._incarnations = [*self._incarnations[-15:], state.incarnation]
+            self._ticks.clear()
+        elif state.sequence <= known.sequence:
+            return False
+        self.state, self.state_s = state, now_s
+        if state.airborne and state.phase in FLYING_PHASES:
+            self.flown, self.last_flying_s, self.last_flying_phase = True, now_s, state.phase
+            self._flying_incarnation = state.incarnation
+        elif not state.armed and state.position_ned_m is not None:
+            # A restarted agent says "not armed" until its autopilot has answered; a position shows that it has.
+            self.flown = False
+        if not self._ticks or now_s - self._ticks[-1][0] >= 1.0:
+            self._ticks.append((now_s, state.ticks, state.late_ticks))
+        while self._ticks and now_s - self._ticks[0][0] > TICK_WINDOW_S:
+            self._ticks.popleft()
+        return True
+
+    def has_its_vehicle(self) -> bool:
+        """Whether the agent that speaks now knows what becomes of the vehicle in the air: it flies it, or it gave
+        it to the pilot. One that was restarted in the air knows of nothing."""
+        if self.state is None or self.state.phase in (Phase.DISARMED, Phase.LANDED):
+            return False
+        return self.state.phase in FLYING_PHASES or self.state.incarnation == self._flying_incarnation
+
+    def late_fraction(self) -> float:
+        """Share of the agent's ticks of the last `TICK_WINDOW_S` that missed their deadline."""
+        if len(self._ticks) < 2:
+            return 0.0
+        ticks = self._ticks[-1][1] - self._ticks[0][1]
+        late = self._ticks[-1][2] - self._ticks[0][2]
+        return late / ticks if ticks > 0 and late > 0 else 0.0

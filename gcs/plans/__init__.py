@@ -1,0 +1,1 @@
+"""Plans, fences and parameters of one vehicle."""

@@ -1,0 +1,1 @@
+"""Frames, the geofence and formations."""

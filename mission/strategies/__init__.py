@@ -1,0 +1,1 @@
+"""How a swarm searches: one file or folder a strategy."""

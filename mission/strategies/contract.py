@@ -1,0 +1,165 @@
+"""What a strategy is given, and what it gives back. All of it is plain data.
+
+A strategy sees an `Observation` once a tick and returns a `Decision`. It never sees a socket, a clock or a
+MAVLink message; time appears only as ages and as seconds since the survey began.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping
+from typing import Protocol
+
+import msgspec
+import numpy as np
+
+from mission.geometry.frames import Vector3
+
+
+class Scalar(msgspec.Struct, frozen=True, array_like=True):
+    """One estimated number: its mean, its variance (unit squared) and the age of the newest sample in it."""
+
+    mean: float
+    variance: float
+    age_s: float
+
+
+class Wind(msgspec.Struct, frozen=True, array_like=True):
+    """Estimated wind: where the air goes (NED), the variance per horizontal axis, the age of the newest sample."""
+
+    wind_ned_mps: Vector3
+    variance_m2ps2: float
+    age_s: float
+
+
+class Reading(msgspec.Struct, frozen=True, array_like=True):
+    """What one drone measured at one waypoint: filtered excess CO2 over the background."""
+
+    drone: int
+    order: int
+    """Sequence number of the order in whose waypoint it was taken."""
+    position_ned_m: Vector3
+    excess_co2_ppm: float
+    variance_ppm2: float
+
+
+class Stage(enum.StrEnum):
+    """What the swarm as a whole is doing; the root decides it and orders carry it."""
+
+    FORM = "form"
+    SEARCH = "search"
+    TRACK = "track"
+    FOUND = "found"
+    GIVE_UP = "give_up"
+    """The search area is exhausted without a source: everybody goes home."""
+
+
+class Order(msgspec.Struct, frozen=True, array_like=True):
+    """The root's instruction to the swarm: where the formation's root slot shall be, and how it is turned."""
+
+    sequence: int
+    stage: Stage
+    anchor_ned_m: Vector3
+    rotation_rad: float
+    """Rotation of the whole formation about the anchor, from north towards east."""
+    source_ned_m: Vector3 | None = None
+    """The estimated source, when the stage is FOUND."""
+    search_radius_m: float = -1.0
+    """How far out the search has got, negative before its first point: a new root goes on from here."""
+    search_start_ned_m: Vector3 | None = None
+    """Where the search began; None before it did."""
+    best: Reading | None = None
+    """The reading that a better one must beat, None without contact."""
+    waypoints_since_best: int = 0
+    """How many waypoints have been visited since `best` was taken."""
+
+
+class OwnState(msgspec.Struct, frozen=True):
+    drone: int
+    position_ned_m: Vector3
+    velocity_ned_mps: Vector3
+    excess_co2_ppm: Scalar | None
+    """None while no trustworthy estimate exists (warming up, zeroing, unplugged)."""
+    wind: Wind | None
+    battery_fraction: float | None
+
+
+class Neighbour(msgspec.Struct, frozen=True):
+    """Another drone as last heard. Ages are measured on this drone's own clock, by when its message came."""
+
+    drone: int
+    position_ned_m: Vector3
+    velocity_ned_mps: Vector3
+    age_s: float
+    airborne: bool
+    excess_co2_ppm: Scalar | None = None
+    wind: Wind | None = None
+    adrift: bool = False
+    """Its agent is silent: it will not make way, wherever the ground station says that it is."""
+
+
+class TreePlace(msgspec.Struct, frozen=True):
+    """This drone's place in the swarm's tree, and who holds which slot (drone -> slot, live members only)."""
+
+    epoch: int
+    slot: int
+    slots: Mapping[int, int]
+    parent: int | None
+    children: tuple[int, ...]
+    heir: int | None
+    parent_heir: int | None
+    root: int
+    healing: bool
+
+
+class Observation(msgspec.Struct, frozen=True):
+    elapsed_s: float
+    """Seconds since this drone began to form up."""
+    own: OwnState
+    neighbours: tuple[Neighbour, ...]
+    tree: TreePlace
+    order: Order | None
+    """The newest order of the swarm's root, None before the first."""
+    readings: tuple[Reading, ...]
+    """At the root: the readings of all members for the current order that have come up the tree so far.
+    Elsewhere: those of the drone's own subtree."""
+
+
+class GoTo(msgspec.Struct, frozen=True, tag=True):
+    """Fly to a point and stay there."""
+
+    position_ned_m: Vector3
+    speed_mps: float | None = None
+    """None: the configured cruise speed."""
+
+
+class Velocity(msgspec.Struct, frozen=True, tag=True):
+    """Fly with this velocity until the next decision."""
+
+    velocity_ned_mps: Vector3
+
+
+class Hold(msgspec.Struct, frozen=True, tag=True):
+    """Stay where the vehicle is."""
+
+
+Intent = GoTo | Velocity | Hold
+
+
+class Decision(msgspec.Struct, frozen=True):
+    intent: Intent
+    reading: Reading | None = None
+    """This drone's reading for the current order, once it has one; the tree carries it to the root."""
+    order: Order | None = None
+    """A new order for the whole swarm; only the root may give one."""
+
+
+class Strategy(Protocol):
+    """How a drone searches. One object a drone, made anew for every survey; `mission.strategies.registry`
+    names them.
+
+    `decide` is called once a tick (10 Hz) while the drone flies in formation, and must be deterministic in
+    its arguments, its own earlier calls and `rng`.
+    """
+
+    def decide(self, observation: Observation, rng: np.random.Generator) -> Decision: ...

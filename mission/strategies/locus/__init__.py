@@ -1,0 +1,1 @@
+"""LoCUS: the formation searches as one body and climbs the gas gradient."""

@@ -1,0 +1,1 @@
+"""The balanced tree over a formation's slots."""

@@ -1,0 +1,1 @@
+"""Instruments against each other and against their own recordings."""

@@ -1,0 +1,1 @@
+"""Instruments: bytes to samples, one protocol a module."""

@@ -1,0 +1,1 @@
+"""Serial ports, what is on them, and recordings of them."""

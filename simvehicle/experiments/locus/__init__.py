@@ -1,0 +1,1 @@
+"""The LoCUS paper's four experiments."""

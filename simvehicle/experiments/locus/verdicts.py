@@ -1,0 +1,272 @@
+"""Does what the paper reports hold for the model as the paper and the authors' program describe it?"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import msgspec
+import numpy as np
+import pandas as pd
+
+from simvehicle.experiments.locus.definitions import Experiment
+from simvehicle.experiments.statistics import (
+    Interval,
+    bootstrap,
+    deviation_ratio,
+    mean_difference,
+    wilson,
+)
+from simvehicle.experiments.table import columns, select
+from simvehicle.trials.cell import Cell
+
+Outcome = Literal["holds", "does not hold", "undecided"]
+
+
+class Verdict(msgspec.Struct, frozen=True):
+    claim: str
+    verdict: Outcome
+    statistic: str
+    """The numbers that decided it."""
+
+
+def judge(experiment: Experiment, rows: pd.DataFrame) -> list[Verdict]:
+    """A verdict on each claim that the experiment's cells can decide."""
+    if experiment.by_rate:
+        return _by_rate(experiment, rows)
+    found = _by_size(experiment, rows)
+    if experiment.name == "locus-2":
+        found += _perturbed(experiment, rows)
+    return found + _beyond(experiment, rows)
+
+
+def _pairs(rows: pd.DataFrame, a: Cell, b: Cell, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """One column of two cells' paired trials, where both have it."""
+    first, second = columns(rows, a, name), columns(rows, b, name)
+    both = np.isfinite(first) & np.isfinite(second)
+    return first[both], second[both]
+
+
+def _above(interval: Interval, least: float) -> Outcome:
+    """Whether a quantity is above `least`, by its 95 % interval."""
+    low, high = interval
+    return "holds" if low > least else "does not hold" if high < least else "undecided"
+
+
+def _mean(rows: pd.DataFrame, a: Cell, b: Cell, name: str, claim: str) -> Verdict:
+    """The verdict on "b's mean is above a's"."""
+    first, second = _pairs(rows, a, b, name)
+    if len(first) < 2:
+        return Verdict(claim, "undecided", "fewer than two paired trials")
+    low, high = bootstrap(mean_difference, first, second)
+    statistic = (
+        f"{a.strategy} {first.mean() / 60:.1f} min, {b.strategy} {second.mean() / 60:.1f} min; "
+        f"difference {mean_difference(first, second) / 60:+.1f} min (95 % {low / 60:+.1f}..{high / 60:+.1f}, "
+        f"{len(first)} pairs)"
+    )
+    return Verdict(claim, _above((low, high), 0.0), statistic)
+
+
+def _spread(rows: pd.DataFrame, a: Cell, b: Cell, name: str, claim: str) -> Verdict:
+    """The verdict on "b's standard deviation is above a's"."""
+    first, second = _pairs(rows, a, b, name)
+    if len(first) < 3:
+        return Verdict(claim, "undecided", "fewer than three paired trials")
+    low, high = bootstrap(deviation_ratio, first, second)
+    statistic = (
+        f"{a.strategy} {np.std(first, ddof=1) / 60:.1f} min, {b.strategy} {np.std(second, ddof=1) / 60:.1f} min; "
+        f"ratio {deviation_ratio(first, second):.2f} (95 % {low:.2f}..{high:.2f}, {len(first)} pairs)"
+    )
+    return Verdict(claim, _above((low, high), 1.0), statistic)
+
+
+_EVENTS = (("contact_s", "contact"), ("source_s", "max flux"))
+
+
+def _by_strategy(experiment: Experiment, strategy: str) -> dict[int, Cell]:
+    """Cells of the experiment's first plume by swarm size."""
+    plume = experiment.cells[0].plume
+    return {c.drones: c for c in experiment.cells if c.strategy == strategy and c.plume == plume}
+
+
+def _by_size(experiment: Experiment, rows: pd.DataFrame) -> list[Verdict]:
+    found = []
+    locus, mobs = _by_strategy(experiment, "locus"), _by_strategy(experiment, "mobs")
+    for size in sorted(locus.keys() & mobs.keys()):
+        a, b = locus[size], mobs[size]
+        if experiment.name == "locus-1":
+            if size == 5:
+                found += [
+                    _mean(rows, a, b, name, f"5 drones: LoCUS' mean time to {what} is below MoBS'")
+                    for name, what in _EVENTS
+                ]
+            if size in (10, 20):
+                claim = f"{size} drones: MoBS makes contact sooner on average"
+                found.append(_mean(rows, b, a, "contact_s", claim))
+        else:
+            claim = f"{size} drones: LoCUS' mean time to max flux is below MoBS'"
+            found.append(_mean(rows, a, b, "source_s", claim))
+        found += [
+            _spread(rows, a, b, name, f"{size} drones: LoCUS' deviation of the time to {what} is below MoBS'")
+            for name, what in _EVENTS
+            if experiment.name == "locus-1" or name == "source_s"
+        ]
+    return found
+
+
+_LONGEST_MIN = {5: 344.0, 10: 124.0, 20: 31.0}
+"""The paper's outliers of MoBS in the perturbed plume."""
+_SHORT_RATIO = 1.25
+"""How much longer LoCUS may take from contact to maximum in the perturbed plume and still "remain short"."""
+
+
+def _perturbed(experiment: Experiment, rows: pd.DataFrame) -> list[Verdict]:
+    found = []
+    locus, mobs = _by_strategy(experiment, "locus"), _by_strategy(experiment, "mobs")
+    for size, cell in sorted(mobs.items()):
+        longest_min = float(np.nanmax(columns(rows, cell, "source_s"), initial=0.0)) / 60.0
+        rival_min = (
+            float(np.nanmax(columns(rows, locus[size], "source_s"), initial=0.0)) / 60.0
+            if size in locus
+            else math.inf
+        )
+        if size in _LONGEST_MIN:
+            found.append(
+                Verdict(
+                    f"{size} drones: MoBS has outliers far beyond LoCUS' longest trial "
+                    f"(paper: {_LONGEST_MIN[size]:.0f} min)",
+                    "holds" if longest_min > 1.25 * rival_min else "does not hold",
+                    f"longest MoBS trial {longest_min:.0f} min, longest LoCUS trial {rival_min:.0f} min",
+                )
+            )
+    for smooth in experiment.compared:
+        cell = locus[smooth.drones]
+        after_smooth = columns(rows, smooth, "source_s") - columns(rows, smooth, "contact_s")
+        after = columns(rows, cell, "source_s") - columns(rows, cell, "contact_s")
+        both = np.isfinite(after_smooth) & np.isfinite(after)
+        if both.sum() < 2:
+            continue
+        low, high = bootstrap(lambda a, b: float(b.mean() / a.mean()), after_smooth[both], after[both])
+        found.append(
+            Verdict(
+                f"{smooth.drones} drones: LoCUS' time from contact to max flux stays short in the perturbed plume "
+                f"(below {_SHORT_RATIO} times the smooth plume's)",
+                "holds" if high < _SHORT_RATIO else "does not hold" if low > _SHORT_RATIO else "undecided",
+                f"smooth {after_smooth[both].mean() / 60:.1f} min, perturbed {after[both].mean() / 60:.1f} min, "
+                f"ratio {after[both].mean() / after_smooth[both].mean():.2f} (95 % {low:.2f}..{high:.2f})",
+            )
+        )
+    return found
+
+
+def _beyond(experiment: Experiment, rows: pd.DataFrame) -> list[Verdict]:
+    """The paper's discussion: spread search wins for large swarms. Tested at the largest size."""
+    found = []
+    largest = max(cell.drones for cell in experiment.cells)
+    for strategy, name in (("locus-hybrid", "spokes, then gathering,"), ("locus-multi", "sub-swarms")):
+        mine = _by_strategy(experiment, strategy).get(largest)
+        for rival in ("locus", "mobs"):
+            other = _by_strategy(experiment, rival).get(largest)
+            if mine is not None and other is not None:
+                claim = (
+                    f"{largest} drones: {name} reach max flux sooner than {rival} (prediction of the paper)"
+                )
+                found.append(_mean(rows, mine, other, "source_s", claim))
+    return found
+
+
+# --- Failure rates ---
+
+_BEGINS = 0.95
+"""A strategy has begun to fail where fewer trials than this succeed."""
+_CLAIMS: dict[str, tuple[tuple[str, bool, Interval, str], ...]] = {
+    "locus-3": (
+        ("locus", True, (1e-4, 1e-3), "between 1e-4 and 1e-3"),
+        ("mobs", False, (1e-4, 1e-3), "between 1e-4 and 1e-3"),
+        ("locus", False, (3e-6, 3e-5), "at about 1e-5 (3e-6 to 3e-5)"),
+    ),
+    "locus-4": (
+        ("locus", True, (3e-3, 3e-2), "at about 1e-2 (3e-3 to 3e-2)"),
+        ("mobs", False, (3e-3, 3e-2), "at about 1e-2 (3e-3 to 3e-2)"),
+        ("locus", False, (3e-5, 3e-4), "at about 1e-4 (3e-5 to 3e-4)"),
+    ),
+}
+
+
+def begins_to_fail(rows: pd.DataFrame, cells: list[Cell]) -> Interval:
+    """The range of rates in which a strategy begins to fail: from where it may have to where it surely has.
+
+    Upper end: the first rate at which the whole of Wilson's interval is below 95 %; lower end: the last rate before
+    it at which at least 95 % of the trials succeed. The sampling error and the grid of rates are both in it.
+    """
+    low, high = 0.0, math.inf
+    surely = False
+    for cell in sorted(cells, key=lambda c: c.failure_rate):
+        mine = select(rows, cell)
+        interval = wilson(int(mine["success"].sum()), len(mine))
+        if not surely and mine["success"].mean() >= _BEGINS:
+            low = cell.failure_rate
+        if interval[1] < _BEGINS:
+            high = min(high, cell.failure_rate)
+            surely = True
+    return low, high
+
+
+def _within(found: Interval, claimed: Interval) -> Outcome:
+    """Whether a rate that lies somewhere in `found` lies in the range `claimed`. It is surely not above `found`."""
+    if found[1] <= claimed[0] or found[0] > claimed[1]:
+        return "does not hold"
+    return "holds" if claimed[0] <= found[0] and found[1] <= claimed[1] else "undecided"
+
+
+def _by_rate(experiment: Experiment, rows: pd.DataFrame) -> list[Verdict]:
+    found = []
+    plumes = list(dict.fromkeys(cell.plume for cell in experiment.cells))
+    sizes = sorted({cell.drones for cell in experiment.cells})
+    for plume in plumes:
+        for size in sizes:
+            group = [c for c in experiment.cells if c.plume == plume and c.drones == size]
+            for strategy, healing, (low, high), words in _CLAIMS[experiment.name]:
+                cells = [c for c in group if c.strategy == strategy and c.healing is healing]
+                if not cells:
+                    continue
+                begin, sure = begins_to_fail(rows, cells)
+                who = strategy if strategy == "mobs" else f"{strategy} with{'' if healing else 'out'} healing"
+                found.append(
+                    Verdict(
+                        f"{plume} plume, {size} drones: {who} begins to fail {words}",
+                        _within((begin, sure), (low, high)),
+                        f"success falls below {_BEGINS:.0%} between {begin:.0e} and {sure:.0e}",
+                    )
+                )
+            found += _healing_pays(rows, plume, size, group)
+    return found
+
+
+def _healing_pays(rows: pd.DataFrame, plume: str, size: int, group: list[Cell]) -> list[Verdict]:
+    """Healing against none, over all rates at which either succeeds sometimes, trial by trial."""
+    on = {c.failure_rate: c for c in group if c.strategy == "locus" and c.healing}
+    off = {c.failure_rate: c for c in group if c.strategy == "locus" and not c.healing}
+    healed, plain = [], []
+    for rate in sorted(on.keys() & off.keys()):
+        a = select(rows, on[rate])["success"].to_numpy(dtype=np.float64)
+        b = select(rows, off[rate])["success"].to_numpy(dtype=np.float64)
+        if 0.0 < a.mean() + b.mean() < 2.0:
+            healed.append(a)
+            plain.append(b)
+    if not healed:
+        return []
+    first, second = np.mean(plain, axis=0), np.mean(healed, axis=0)
+    low, high = bootstrap(mean_difference, first, second)
+    statistic = (
+        f"success over {len(healed)} rates: {first.mean():.1%} without, {second.mean():.1%} with healing; "
+        f"difference {mean_difference(first, second):+.1%} (95 % {low:+.1%}..{high:+.1%})"
+    )
+    claim = f"{plume} plume, {size} drones: healing makes LoCUS succeed more often"
+    return [Verdict(claim, _above((low, high), 0.0), statistic)]
+
+
+def markdown(verdicts: list[Verdict]) -> str:
+    lines = ["| claim | verdict | statistic |", "| --- | --- | --- |"]
+    lines += [f"| {one.claim} | **{one.verdict}** | {one.statistic} |" for one in verdicts]
+    return "\n".join(lines) + "\n"

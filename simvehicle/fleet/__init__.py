@@ -1,0 +1,1 @@
+"""Many vehicles in one process, in real time."""

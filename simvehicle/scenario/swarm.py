@@ -1,0 +1,227 @@
+"""A whole swarm in one process, on simulated time: the same agents, autopilots, instruments and bytes as in flight.
+
+Deterministic by seed and as fast as the machine allows: thousands of faulty flights as tests. Nothing here is
+faster or simpler than in flight except the waiting.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from flightstack.agent import Agent, Inputs, Outputs, PeerMessage
+from flightstack.config import DroneConfig
+from flightstack.sensing.filter_stage import PortInput
+from flightstack.swarm import topics
+from flightstack.swarm.wire import (
+    Command,
+    CommandName,
+    CommandOutcome,
+    DroneState,
+    Event,
+    Phase,
+    Traffic,
+    TrafficVehicle,
+    TreeState,
+)
+from flightstack.transport.memory import MemoryRadio, MemoryTransport
+from mission.geometry.frames import Vector3
+from simvehicle.fleet.fleet_config import FleetConfig
+from simvehicle.instruments import Air, Emulator, make_emulator
+from simvehicle.vehicle.simulated_vehicle import SimulatedVehicle
+from simvehicle.world.configured import make_world
+
+TICK_S = 0.1
+GROUND = "ground"
+
+
+@dataclasses.dataclass
+class Member:
+    """One drone: its vehicle, its agent, its instruments."""
+
+    config: DroneConfig
+    vehicle: SimulatedVehicle
+    agent: Agent
+    transport: MemoryTransport
+    emulators: dict[str, Emulator]
+    alive: bool = True
+    """Whether the agent runs; the vehicle flies on without it."""
+    plugged: set[str] = dataclasses.field(default_factory=set)
+    new_ports: set[str] = dataclasses.field(default_factory=set)
+
+
+class Scenario:
+    """Steps vehicles, radio and agents together; `states`, `events`, `outcomes` are what a ground station hears."""
+
+    def __init__(
+        self,
+        drones: Sequence[DroneConfig],
+        fleet: FleetConfig,
+        radio: MemoryRadio | None = None,
+        *,
+        ground_watches: bool = True,
+    ) -> None:
+        """`ground_watches`: a ground station tells the swarm where vehicles without agents are."""
+        self.now_s = 0.0
+        self.world = make_world(fleet)
+        self.radio = radio or MemoryRadio(seed=fleet.seed)
+        self.states: dict[int, DroneState] = {}
+        self.trees: dict[int, TreeState] = {}
+        self.events: list[tuple[float, Event]] = []
+        self.outcomes: list[CommandOutcome] = []
+        self.first_takeoff_s: float | None = None
+        self.min_separation_m = math.inf
+        self.tap: Callable[[int, float, Inputs, Outputs], None] | None = None
+        """Called with every agent's tick, for recording."""
+        self._commands = (f"scenario-{n}" for n in itertools.count())
+        self._ground = self.radio.join(GROUND)
+        self._ground_watches = ground_watches
+        self._traffic_due_s = 0.0
+        self.members: dict[int, Member] = {}
+        specs = {spec.id: spec for spec in fleet.vehicles}
+        for config in drones:
+            spec = specs[config.drone]
+            seed = (fleet.seed, config.drone)
+            emulators = {
+                i.name: make_emulator(i.type, np.random.default_rng((*seed, index)))
+                for index, i in enumerate(spec.instruments)
+            }
+            vehicle = SimulatedVehicle(spec, fleet, self.world, seed=fleet.seed)
+            self.radio.place(config.drone, vehicle.position_ned_m)
+            self.members[config.drone] = Member(
+                config,
+                vehicle,
+                Agent(config, incarnation=config.drone),
+                self.radio.join(str(config.drone)),
+                emulators,
+                plugged=set(emulators),
+                new_ports=set(emulators),
+            )
+
+    # -- what a test does --------------------------------------------------------------------------------------
+
+    def command(self, name: CommandName, target: int = 0) -> str:
+        command = Command(next(self._commands), GROUND, target, name)
+        self._ground.publish(topics.COMMAND, topics.COMMAND.codec.encode(command))
+        return command.identity
+
+    def kill(self, drone: int) -> None:
+        """The agent dies as by kill -9; its vehicle flies on by itself."""
+        self.members[drone].alive = False
+
+    def unplug(self, drone: int, instrument: str) -> None:
+        self.members[drone].plugged.discard(instrument)
+
+    def run_until(self, done: Callable[[], bool], limit_s: float) -> bool:
+        """Step until `done`; whether it came true within `limit_s` simulated seconds."""
+        end_s = self.now_s + limit_s
+        while self.now_s < end_s:
+            if done():
+                return True
+            self.step()
+        return done()
+
+    def run(self, seconds: float) -> None:
+        self.run_until(lambda: False, seconds)
+
+    def phases(self) -> set[Phase]:
+        return {member.agent.phase.phase for member in self.members.values() if member.alive}
+
+    @property
+    def source_ned_m(self) -> Vector3 | None:
+        """The swarm's estimate of the source, once it is found."""
+        orders = (tree.order for tree in self.trees.values())
+        return next((order.source_ned_m for order in orders if order and order.source_ned_m), None)
+
+    # -- one tick ----------------------------------------------------------------------------------------------
+
+    def step(self) -> None:
+        self.now_s += TICK_S
+        for member in self.members.values():
+            member.vehicle.step(self.now_s)
+        for drone, member in self.members.items():
+            self.radio.place(drone, member.vehicle.position_ned_m)
+        self.radio.step(self.now_s)
+        for member in self.members.values():
+            if member.alive:
+                self._tick(member)
+            else:
+                member.vehicle.drain()
+        self._listen()
+        if self._ground_watches and self.now_s >= self._traffic_due_s:
+            self._traffic_due_s = self.now_s + 0.25
+            self._tell_of_orphans()
+        self._measure()
+
+    def _tick(self, member: Member) -> None:
+        data = b"".join(data for link, data in member.vehicle.drain() if link == 0)
+        peers = tuple(PeerMessage(r.topic.name, r.sender, r.payload) for r in member.transport.receive())
+        inputs = Inputs(data, tuple(self._ports(member)), peers, 0)
+        outputs = member.agent.step(self.now_s, inputs)
+        if self.tap is not None:
+            self.tap(member.config.drone, self.now_s, inputs, outputs)
+        member.vehicle.receive(0, outputs.autopilot)
+        for name, sent in outputs.ports:
+            if name in member.plugged:
+                member.emulators[name].receive(self.now_s, sent)
+        for topic, payload in outputs.peers:
+            member.transport.publish(topics.TOPICS[topic], payload)
+
+    def _ports(self, member: Member) -> list[PortInput]:
+        """What the instruments say in the air where the vehicle really is."""
+        vehicle = member.vehicle
+        found = []
+        for name, emulator in member.emulators.items():
+            if name not in member.plugged:
+                if name not in member.new_ports:
+                    member.new_ports.add(name)
+                    found.append(PortInput(name, lost="unplugged"))
+                continue
+            air = Air(
+                co2_ppm=self.world.co2_ppm(vehicle.position_ned_m, self.now_s),
+                wind_body_mps=vehicle.wind_body_mps(),
+            )
+            data = emulator.step(self.now_s, air)
+            if name in member.new_ports:
+                member.new_ports.discard(name)
+                found.append(PortInput(name, connected=True))
+            if data:
+                found.append(PortInput(name, data))
+        return found
+
+    def _listen(self) -> None:
+        for received in self._ground.receive():
+            message = received.topic.codec.decode(received.payload)
+            match message:
+                case DroneState():
+                    self.states[message.sender] = message
+                case TreeState():
+                    self.trees[message.sender] = message
+                case Event():
+                    self.events.append((self.now_s, message))
+                case CommandOutcome():
+                    self.outcomes.append(message)
+
+    def _tell_of_orphans(self) -> None:
+        """What `gcs serve` tells of vehicles that it hears over MAVLink and whose agents are silent."""
+        orphans = tuple(
+            TrafficVehicle(
+                drone, m.vehicle.position_ned_m, m.vehicle.velocity_ned_mps, 0.1, m.vehicle.airborne
+            )
+            for drone, m in self.members.items()
+            if not m.alive
+        )
+        if orphans:
+            traffic = Traffic(GROUND, self.world.frame.identity, orphans)
+            self._ground.publish(topics.TRAFFIC, topics.TRAFFIC.codec.encode(traffic))
+
+    def _measure(self) -> None:
+        flying = [m.vehicle.position_ned_m for m in self.members.values() if m.vehicle.airborne]
+        if flying and self.first_takeoff_s is None:
+            self.first_takeoff_s = self.now_s
+        for a, b in itertools.combinations(flying, 2):
+            self.min_separation_m = min(self.min_separation_m, math.dist(a, b))

@@ -1,0 +1,1 @@
+"""Whole simulated surveys: processes, their files, and the report."""

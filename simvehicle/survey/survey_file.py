@@ -1,0 +1,395 @@
+"""A simulated survey as its file says it: SURVEY.yaml, typed and checked before anything is started."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import pathlib
+import re
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from flightstack.config import (
+    AutopilotConfig,
+    DroneConfig,
+    DroneId,
+    FormationConfig,
+    InstrumentConfig,
+    LimitsConfig,
+    Positive,
+    Section,
+    StrategyConfig,
+    SwarmConfig,
+)
+from flightstack.config_file import problems
+from mission.documents.plan_file import read_plan
+from mission.documents.yaml_file import DocumentError, line_of, parse, read_text
+from mission.geometry.frames import Geodetic, LocalFrame, wind_from
+from mission.geometry.geofence import Circle, Geofence, LocalFence, Vertex
+from sensors.instruments.sensor_error import SensorError
+from simvehicle.autopilot.parameters import Parameters, UnknownParameterError
+from simvehicle.fleet.fleet_config import (
+    FARTHEST_HOME_M,
+    FaultSpec,
+    GaussianPlume,
+    LocusGridPlume,
+    WindConfig,
+)
+from simvehicle.instruments import make_emulator
+from simvehicle.world.gas import make_plume
+
+Flavour = Literal["ardupilot", "px4"]
+
+
+class InstrumentChoice(Section, frozen=True, kw_only=True):
+    """An instrument that a simulated drone carries; it is emulated byte by byte."""
+
+    name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]+$")]
+    type: str
+    options: dict[str, Any] = msgspec.field(default_factory=dict)
+    """What the agent's driver of this type is told."""
+
+
+class SurveyDrone(Section, frozen=True, kw_only=True):
+    id: DroneId
+    flavour: Flavour = "ardupilot"
+    home_north_m: float = 0.0
+    home_east_m: float = 0.0
+    instruments: tuple[InstrumentChoice, ...] | None = None
+    """None: those of the survey."""
+    parameters: dict[str, float] = msgspec.field(default_factory=dict)
+    """Parameters of its autopilot that differ from the flavour's defaults."""
+
+
+class LaunchLine(Section, frozen=True, kw_only=True):
+    """Drones 1 to `count` in a line: a short way to say where all of them stand."""
+
+    count: Annotated[int, Meta(ge=1, le=250)]
+    flavour: Flavour = "ardupilot"
+    spacing_m: Positive = 6.0
+    north_m: float = 0.0
+    """Where the middle of the line is."""
+    east_m: float = 0.0
+    towards_deg: Annotated[float, Meta(ge=0.0, le=360.0)] = 90.0
+    """Bearing of the line, degrees clockwise from north."""
+
+    def drones(self) -> Iterator[SurveyDrone]:
+        bearing_rad = math.radians(self.towards_deg)
+        for index in range(self.count):
+            along_m = (index - (self.count - 1) / 2.0) * self.spacing_m
+            yield SurveyDrone(
+                id=index + 1,
+                flavour=self.flavour,
+                home_north_m=round(self.north_m + along_m * math.cos(bearing_rad), 3),
+                home_east_m=round(self.east_m + along_m * math.sin(bearing_rad), 3),
+            )
+
+
+class SurveyFence(Section, frozen=True, kw_only=True):
+    """The geofence: areas of (latitude, longitude) vertices, or the fence of a QGroundControl .plan file."""
+
+    file: str | None = None
+    """Relative to the survey file."""
+    inclusion: tuple[tuple[Vertex, ...], ...] = ()
+    exclusion: tuple[tuple[Vertex, ...], ...] = ()
+    inclusion_circles: tuple[Circle, ...] = ()
+    exclusion_circles: tuple[Circle, ...] = ()
+
+
+class SurveyConfig(Section, frozen=True, kw_only=True):
+    name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]+$")]
+    """Names the swarm and the output directory."""
+    origin: Geodetic
+    """Origin of the swarm's local frame, at the height of the launch points."""
+    drones: tuple[SurveyDrone, ...] = ()
+    launch_line: LaunchLine | None = None
+    """Instead of `drones`."""
+    instruments: tuple[InstrumentChoice, ...] = (InstrumentChoice(name="co2", type="sba5"),)
+    formation: FormationConfig = FormationConfig()
+    limits: LimitsConfig = LimitsConfig()
+    geofence: SurveyFence | None = None
+    strategy: StrategyConfig = StrategyConfig()
+    wind: WindConfig = WindConfig()
+    plume: GaussianPlume | LocusGridPlume | None = None
+    background_co2_ppm: Annotated[float, Meta(ge=0.0)] = 420.0
+    seed: int = 0
+    speedup: Annotated[float, Meta(gt=0.0, le=20.0)] = 5.0
+    """How many times faster than real time everything runs; a busy machine needs a lower one."""
+    time_limit_s: Positive = 1800.0
+    """Simulated seconds after the first take-off at which everybody is called home."""
+    ready_after_s: Annotated[float, Meta(ge=0.0)] = 41.0
+    """How long the simulated autopilots need from power-up until they let themselves be armed."""
+    faults: tuple[FaultSpec, ...] = ()
+
+
+class Survey(msgspec.Struct, frozen=True):
+    """A survey that passed its checks, with what was resolved on the way."""
+
+    config: SurveyConfig
+    drones: tuple[SurveyDrone, ...]
+    """Every drone with its own instruments filled in."""
+    geofence: Geofence | None
+    warnings: tuple[str, ...]
+
+
+def load(
+    path: str | pathlib.Path,
+    *,
+    speedup: float | None = None,
+    seed: int | None = None,
+    extra_faults: tuple[FaultSpec, ...] = (),
+) -> Survey:
+    """Read and check a survey file; the options are what the command line gives instead or on top.
+
+    `DocumentError` says in one line what is wrong, where, and how to mend it.
+    """
+    file, text = str(path), read_text(path)
+    config = parse(text, SurveyConfig, file)
+    config = msgspec.structs.replace(
+        config,
+        speedup=config.speedup if speedup is None else speedup,
+        seed=config.seed if seed is None else seed,
+        faults=(*config.faults, *extra_faults),
+    )
+    return _Checks(file, text, config, extra_faults).run()
+
+
+_FAULT = re.compile(
+    r"^(?:(?P<instrument>[A-Za-z0-9_]+)-)?(?P<kind>unplug|gps[_-]loss|battery[_-]low|motor|silence)"
+    r":(?P<drone>\d+)@(?P<at>\d+(?:\.\d+)?)(?:-(?P<until>\d+(?:\.\d+)?))?$"
+)
+
+
+def parse_fault(text: str) -> FaultSpec:
+    """A fault as the command line says it: "co2-unplug:2@90", "gps-loss:3@60-75" (from 60 s to 75 s)."""
+    match = _FAULT.match(text)
+    if match is None or (match["kind"] == "unplug") != (match["instrument"] is not None):
+        raise DocumentError(
+            f"--fault {text}",
+            "write INSTRUMENT-unplug:DRONE@SECONDS, or gps-loss, battery-low, motor or silence "
+            "instead of INSTRUMENT-unplug, with -SECONDS behind if it mends itself",
+        )
+    fault: FaultSpec = msgspec.convert(
+        {
+            "drone": int(match["drone"]),
+            "at_s": float(match["at"]),
+            "kind": match["kind"].replace("-", "_"),
+            "instrument": match["instrument"] or "",
+            "until_s": float(match["until"]) if match["until"] else None,
+        },
+        FaultSpec,
+    )
+    return fault
+
+
+class Kill(msgspec.Struct, frozen=True):
+    """kill -9 of a drone's agent, `at_s` simulated seconds after the first take-off."""
+
+    drone: int
+    at_s: float
+
+
+def parse_kill(text: str) -> Kill:
+    """A kill as the command line says it: "3@60"."""
+    match = re.fullmatch(r"(\d+)@(\d+(?:\.\d+)?)", text)
+    if match is None:
+        raise DocumentError(f"--kill {text}", "write DRONE@SECONDS, such as 3@60")
+    return Kill(int(match[1]), float(match[2]))
+
+
+class _Checks:
+    """The checks of one survey, each raising the first problem that it finds."""
+
+    def __init__(
+        self, file: str, text: str, config: SurveyConfig, extra_faults: tuple[FaultSpec, ...]
+    ) -> None:
+        """`extra_faults`: those of `config` that the command line added."""
+        self._file = file
+        self._text = text
+        self._config = config
+        self._extra_faults = extra_faults
+        self._frame = LocalFrame(config.origin)
+        self._warnings: list[str] = []
+
+    def run(self) -> Survey:
+        drones = self._drones()
+        self._launch_points(drones)
+        fence = self._geofence()
+        self._in_the_fence(drones, fence)
+        self._as_agents_see_it(drones, fence)
+        self._emulated(drones)
+        self._plume()
+        self._faults(drones)
+        return Survey(self._config, drones, fence, tuple(self._warnings))
+
+    def _as_agents_see_it(self, drones: tuple[SurveyDrone, ...], fence: Geofence | None) -> None:
+        """What each agent would refuse of its own file is refused here, before any process is started."""
+        config = self._config
+        swarm = SwarmConfig(name=config.name, members=tuple(d.id for d in drones))
+        for index, drone in enumerate(drones):
+            seen = DroneConfig(
+                drone=drone.id,
+                swarm=swarm,
+                origin=config.origin,
+                autopilot=AutopilotConfig(link="udpin:127.0.0.1:0", flavour=drone.flavour),
+                instruments=tuple(
+                    InstrumentConfig(name=i.name, type=i.type, port="socket://127.0.0.1:0", options=i.options)
+                    for i in drone.instruments or ()
+                ),
+                formation=config.formation,
+                limits=config.limits,
+                geofence=fence,
+                strategy=config.strategy,
+                seed=config.seed,
+            )
+            for field, problem in problems(seen):
+                own = field.startswith("instruments") and self._has_own_instruments(index)
+                raise self._fail(f"drones[{index}].{field}" if own else field, problem)
+
+    def _has_own_instruments(self, index: int) -> bool:
+        return bool(self._config.drones) and self._config.drones[index].instruments is not None
+
+    def _fail(self, field: str, problem: str) -> DocumentError:
+        return DocumentError(self._file, problem, line=line_of(self._text, field), field=field)
+
+    def _drones(self) -> tuple[SurveyDrone, ...]:
+        config = self._config
+        if (config.launch_line is None) == (not config.drones):
+            raise self._fail("drones", "give either drones (a list) or launch_line, one of them")
+        drones = tuple(config.launch_line.drones()) if config.launch_line else config.drones
+        first: dict[int, int] = {}
+        for index, drone in enumerate(drones):
+            if drone.id in first:
+                raise self._fail(
+                    f"drones[{index}].id",
+                    f"drones[{first[drone.id]}] has the id {drone.id} too; every drone needs its own",
+                )
+            first[drone.id] = index
+        return tuple(
+            msgspec.structs.replace(
+                d, instruments=config.instruments if d.instruments is None else d.instruments
+            )
+            for d in drones
+        )
+
+    def _place(self, index: int, field: str) -> str:
+        return f"drones[{index}].{field}" if self._config.drones else "launch_line"
+
+    def _launch_points(self, drones: tuple[SurveyDrone, ...]) -> None:
+        separation_m = self._config.limits.separation_m
+        for index, drone in enumerate(drones):
+            if max(abs(drone.home_north_m), abs(drone.home_east_m)) > FARTHEST_HOME_M:
+                raise self._fail(
+                    self._place(index, "home_north_m"),
+                    f"drone {drone.id} starts more than {FARTHEST_HOME_M / 1000:g} km from the origin",
+                )
+        for (_, a), (index, b) in itertools.combinations(enumerate(drones), 2):
+            apart_m = math.hypot(a.home_north_m - b.home_north_m, a.home_east_m - b.home_east_m)
+            if apart_m < separation_m:
+                raise self._fail(
+                    self._place(index, "home_north_m"),
+                    f"drones {a.id} and {b.id} start {apart_m:.1f} m apart, less than "
+                    f"limits.separation_m = {separation_m:g} m; move one of them",
+                )
+
+    def _emulated(self, drones: tuple[SurveyDrone, ...]) -> None:
+        for index, drone in enumerate(drones):
+            field = f"drones[{index}].instruments" if self._has_own_instruments(index) else "instruments"
+            for place, instrument in enumerate(drone.instruments or ()):
+                try:
+                    make_emulator(instrument.type, np.random.default_rng(0))
+                except SensorError as error:
+                    raise self._fail(f"{field}[{place}].type", str(error)) from error
+            try:
+                Parameters(drone.flavour, drone.parameters)
+            except UnknownParameterError as error:
+                raise self._fail(f"drones[{index}].parameters", str(error)) from error
+
+    def _plume(self) -> None:
+        plume, wind = self._config.plume, self._config.wind
+        if not isinstance(plume, GaussianPlume):
+            return
+        drawn = make_plume(plume, wind_from(wind.speed_mps, wind.from_deg), self._config.origin.amsl_m)
+        most_ppm = drawn.excess_co2_ppm(drawn.source_ned_m, 0.0)
+        if most_ppm > 1e6:
+            raise self._fail(
+                "plume.vent_sd_m",
+                f"{most_ppm:.3g} ppm at the vent is more than pure CO2; give it a wider vent or a smaller emission",
+            )
+
+    def _geofence(self) -> Geofence | None:
+        given = self._config.geofence
+        if given is None:
+            return None
+        areas = (given.inclusion, given.exclusion, given.inclusion_circles, given.exclusion_circles)
+        if given.file is None:
+            return self._checked(Geofence(*areas), "geofence")
+        if any(areas):
+            raise self._fail("geofence.file", "give either a file or areas, not both")
+        path = pathlib.Path(self._file).parent / given.file
+        fence = read_plan(path).geofence
+        if fence is None:
+            raise self._fail("geofence.file", f"{path} has no geofence")
+        return self._checked(fence, "geofence.file")
+
+    def _checked(self, fence: Geofence, field: str) -> Geofence:
+        for problem in fence.problems():
+            raise self._fail(field, problem)
+        return fence
+
+    def _in_the_fence(self, drones: tuple[SurveyDrone, ...], fence: Geofence | None) -> None:
+        if fence is None:
+            return
+        local = LocalFence(self._frame, fence)
+        margin_m = self._config.limits.fence_margin_m
+        for index, drone in enumerate(drones):
+            clearance_m = local.clearance_m(drone.home_north_m, drone.home_east_m)
+            if clearance_m < margin_m:
+                where = (
+                    f"{-clearance_m:.0f} m outside the geofence"
+                    if clearance_m < 0.0
+                    else f"{clearance_m:.1f} m from the geofence, limits.fence_margin_m is {margin_m:g} m"
+                )
+                raise self._fail(
+                    self._place(index, "home_north_m"),
+                    f"drone {drone.id}'s launch point is {where}; move it or widen the fence",
+                )
+        plume = self._config.plume
+        if plume is not None and not local.contains(plume.source_north_m, plume.source_east_m):
+            self._warnings.append(
+                f"{self._file}: plume: its source lies outside the geofence: the swarm cannot reach it"
+            )
+
+    def _faults(self, drones: tuple[SurveyDrone, ...]) -> None:
+        by_id = {drone.id: drone for drone in drones}
+        own = len(self._config.faults) - len(self._extra_faults)
+        for index, fault in enumerate(self._config.faults):
+            for field, problem in _fault_problems(fault, by_id):
+                if index >= own:
+                    raise DocumentError(f"--fault {_fault_option(fault)}", problem)
+                raise self._fail(f"faults[{index}].{field}", problem)
+
+
+def _fault_problems(fault: FaultSpec, drones: Mapping[int, SurveyDrone]) -> Iterator[tuple[str, str]]:
+    if fault.drone not in drones:
+        yield "drone", f"there is no drone {fault.drone}, but {list(drones)}"
+        return
+    names = [i.name for i in drones[fault.drone].instruments or ()]
+    if fault.kind == "unplug" and fault.instrument not in names:
+        yield (
+            "instrument",
+            f"drone {fault.drone} carries no instrument called {fault.instrument!r}, but {names}",
+        )
+    if fault.until_s is not None and fault.until_s <= fault.at_s:
+        yield "until_s", f"it breaks at {fault.at_s:g} s, so it cannot mend at {fault.until_s:g} s"
+
+
+def _fault_option(fault: FaultSpec) -> str:
+    """As `parse_fault` reads it."""
+    instrument = f"{fault.instrument}-" if fault.instrument else ""
+    until = "" if fault.until_s is None else f"-{fault.until_s:g}"
+    return f"{instrument}{fault.kind.replace('_', '-')}:{fault.drone}@{fault.at_s:g}{until}"

@@ -1,0 +1,199 @@
+"""What the launcher learns of a survey: from the swarm's messages, and from the world's own record.
+
+No I/O and no clock: messages come with the simulated time at which they were received.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+import msgspec
+
+from flightstack.swarm import topics
+from flightstack.swarm.topics import Topic
+from flightstack.swarm.wire import CommandOutcome, DroneState, Event, Phase, Severity, TreeState, WireError
+from mission.geometry.frames import Vector3
+from mission.strategies.contract import Order, Stage
+from simvehicle.fleet.truth import TruthRow
+
+RECEIVES = (topics.STATE, topics.TREE, topics.OUTCOME, topics.EVENT)
+SILENT_S = 5.0
+"""Simulated seconds without a state message after which an agent counts as silent."""
+
+
+class PhaseMark(msgspec.Struct, frozen=True):
+    time_s: float
+    drone: int
+    phase: Phase
+
+
+class EventMark(msgspec.Struct, frozen=True):
+    time_s: float
+    drone: int
+    """0: the launcher itself, or the swarm as a whole."""
+    severity: Severity
+    code: str
+    text: str
+
+
+class TreeMark(msgspec.Struct, frozen=True):
+    """An assignment of slots when it was first heard of."""
+
+    time_s: float
+    epoch: int
+    author: int
+    slots: dict[int, int]
+
+
+class OrderMark(msgspec.Struct, frozen=True):
+    time_s: float
+    order: Order
+
+
+class Log(msgspec.Struct, frozen=True):
+    """What is worth keeping of a survey; the summary and the report are made from it and the world's record.
+
+    Times are simulated seconds since the first take-off, negative before it.
+    """
+
+    phases: tuple[PhaseMark, ...] = ()
+    events: tuple[EventMark, ...] = ()
+    trees: tuple[TreeMark, ...] = ()
+    orders: tuple[OrderMark, ...] = ()
+    heals: int = 0
+    ticks: int = 0
+    late_ticks: int = 0
+
+    def first(self, stage: Stage) -> OrderMark | None:
+        """The first order of a stage."""
+        return next((mark for mark in self.orders if mark.order.stage is stage), None)
+
+
+class SurveyWatch:
+    """The newest knowledge of every drone, and the log so far."""
+
+    def __init__(self, members: Sequence[int]) -> None:
+        self.members = tuple(members)
+        self.states: dict[int, DroneState] = {}
+        self.outcomes: dict[tuple[str, int], CommandOutcome] = {}
+        """(command, drone) -> its answer."""
+        self.down_since_s: dict[int, float] = {}
+        """Since when a vehicle has been on the ground and disarmed, by the world's record; absent if it is not."""
+        self.first_takeoff_s: float | None = None
+        """By the world's record."""
+        self.order: Order | None = None
+        """The newest of the swarm's root."""
+        self.best_co2_ppm: float | None = None
+        """The highest reading of any flying drone: what the instrument said, not what a filter made of it."""
+        self.best_ned_m: Vector3 | None = None
+        self.unreadable: dict[str, int] = {}
+        """Messages that could not be decoded, by problem, with how often."""
+        self._heard_s: dict[int, float] = {}
+        self._counts: dict[tuple[int, int], tuple[int, int]] = {}
+        """(drone, incarnation) -> (ticks, late ticks)."""
+        self._phases: list[PhaseMark] = []
+        self._events: list[EventMark] = []
+        self._trees: list[TreeMark] = []
+        self._orders: list[OrderMark] = []
+        self._assignments: set[tuple[int, int]] = set()
+        self._heals = 0
+
+    # -- what comes in ----------------------------------------------------------------------------------------
+
+    def hear(self, now_s: float, topic: Topic, payload: bytes) -> None:
+        """Take a message of the swarm."""
+        try:
+            message = topic.codec.decode(payload)
+        except WireError as error:
+            self.unreadable[str(error)] = self.unreadable.get(str(error), 0) + 1
+            return
+        match message:
+            case DroneState():
+                self._state(now_s, message)
+            case TreeState():
+                self._tree(now_s, message)
+            case CommandOutcome():
+                self.outcomes[message.command, message.sender] = message
+            case Event():
+                self.note(now_s, message.severity, message.code, message.text, message.sender)
+
+    def see(self, now_s: float, rows: Iterable[TruthRow]) -> None:
+        """Take new rows of the world's record."""
+        for row in rows:
+            if row.airborne or row.armed:
+                self.down_since_s.pop(row.drone, None)
+            else:
+                self.down_since_s.setdefault(row.drone, now_s)
+            if row.airborne and self.first_takeoff_s is None:
+                self.first_takeoff_s = row.time_s
+
+    def note(self, now_s: float, severity: Severity, code: str, text: str, drone: int = 0) -> None:
+        """Keep an event; those of the launcher itself have the drone 0."""
+        self._events.append(EventMark(now_s, drone, severity, code, text))
+
+    def _state(self, now_s: float, state: DroneState) -> None:
+        drone = state.sender
+        before = self.states.get(drone)
+        self.states[drone] = state
+        self._heard_s[drone] = now_s
+        self._counts[drone, state.incarnation] = (state.ticks, state.late_ticks)
+        if before is None or before.phase is not state.phase:
+            self._phases.append(PhaseMark(now_s, drone, state.phase))
+        co2_ppm = state.co2_ppm
+        if co2_ppm is None or not state.airborne or state.position_ned_m is None:
+            return
+        if self.best_co2_ppm is None or co2_ppm > self.best_co2_ppm:
+            self.best_co2_ppm, self.best_ned_m = co2_ppm, state.position_ned_m
+
+    def _tree(self, now_s: float, tree: TreeState) -> None:
+        if (tree.epoch, tree.author) not in self._assignments:
+            self._assignments.add((tree.epoch, tree.author))
+            self._trees.append(TreeMark(now_s, tree.epoch, tree.author, dict(tree.slots)))
+        self._heals = max(self._heals, tree.heals)
+        order = tree.order
+        if order is not None and (self.order is None or order.sequence > self.order.sequence):
+            self.order = order
+            self._orders.append(OrderMark(now_s, order))
+
+    # -- what is known ----------------------------------------------------------------------------------------
+
+    def talking(self, now_s: float) -> set[int]:
+        """Drones whose agents have been heard lately."""
+        return {drone for drone, heard_s in self._heard_s.items() if now_s - heard_s < SILENT_S}
+
+    def since_takeoff_s(self, now_s: float) -> float | None:
+        return None if self.first_takeoff_s is None else now_s - self.first_takeoff_s
+
+    def from_best_m(self) -> float | None:
+        """Horizontal distance of the swarm (the mean of its flying drones) from its best reading so far."""
+        places = [s.position_ned_m for s in self.states.values() if s.airborne and s.position_ned_m]
+        if self.best_ned_m is None or not places:
+            return None
+        north_m = sum(p[0] for p in places) / len(places)
+        east_m = sum(p[1] for p in places) / len(places)
+        return math.hypot(north_m - self.best_ned_m[0], east_m - self.best_ned_m[1])
+
+    @property
+    def late_fraction(self) -> float:
+        """Share of all agents' ticks that missed their deadline."""
+        ticks = sum(ticks for ticks, _ in self._counts.values())
+        return sum(late for _, late in self._counts.values()) / max(ticks, 1)
+
+    def log(self) -> Log:
+        """The log so far, its times counted from the first take-off (from the first mark if there was none)."""
+        zero_s = self.first_takeoff_s
+        if zero_s is None:
+            firsts = [*(m.time_s for m in self._phases[:1]), *(m.time_s for m in self._events[:1])]
+            zero_s = min(firsts, default=0.0)
+        return Log(
+            phases=tuple(PhaseMark(m.time_s - zero_s, m.drone, m.phase) for m in self._phases),
+            events=tuple(
+                EventMark(m.time_s - zero_s, m.drone, m.severity, m.code, m.text) for m in self._events
+            ),
+            trees=tuple(TreeMark(m.time_s - zero_s, m.epoch, m.author, m.slots) for m in self._trees),
+            orders=tuple(OrderMark(m.time_s - zero_s, m.order) for m in self._orders),
+            heals=self._heals,
+            ticks=sum(ticks for ticks, _ in self._counts.values()),
+            late_ticks=sum(late for _, late in self._counts.values()),
+        )

@@ -1,0 +1,105 @@
+"""A drone's way home: where it comes down, when it is over home, when nothing lets it through."""
+
+from __future__ import annotations
+
+import msgspec
+
+from flightstack.autopilot import AutopilotSession, VehicleReport
+from flightstack.config import AutopilotConfig, LimitsConfig
+from flightstack.flight.guidance import horizontal_m
+from flightstack.flight.homecoming import CHOOSE_EVERY_S, LANDING_HEIGHT_M, STUCK_S, Homecoming, Leaving
+from mission.geometry.frames import Geodetic, LocalFrame, Vector3
+from mission.strategies.contract import GoTo, Hold, Neighbour
+
+LAYER_DOWN_M = -20.0
+HOME: Vector3 = (0.0, 0.0, 0.0)
+REPORT = AutopilotSession(
+    1, LocalFrame(Geodetic(-5.06, 151.3, 500.0)), AutopilotConfig(link="udpin:127.0.0.1:1")
+).report
+
+
+def at(position: Vector3 | None, home: Vector3 | None = HOME) -> VehicleReport:
+    return msgspec.structs.replace(REPORT, position_ned_m=position, home_ned_m=home)
+
+
+def orphan(drone: int, north_m: float, east_m: float) -> Neighbour:
+    return Neighbour(drone, (north_m, east_m, -10.0), (0.0, 0.0, 0.0), 0.2, True, adrift=True)
+
+
+def landing_of(homecoming: Homecoming) -> Vector3:
+    """The place itself, as the way from right above it tells."""
+    for north_m in range(-30, 31):
+        for east_m in range(-30, 31):
+            above = (float(north_m), float(east_m), LAYER_DOWN_M)
+            intent = homecoming.intent(above)
+            assert isinstance(intent, GoTo)
+            north, east, down = intent.position_ned_m
+            if (north, east) == above[:2]:
+                return north, east, down + LANDING_HEIGHT_M
+    raise AssertionError("no landing place")
+
+
+def test_the_way_home_is_known_when_home_is() -> None:
+    homecoming = Homecoming(LimitsConfig(), None, LAYER_DOWN_M)
+    homecoming.step(0.0, at((40.0, 0.0, -10.0), None), (), returning=True)
+    assert homecoming.intent((40.0, 0.0, -10.0)) == Hold()
+    homecoming.step(0.1, at((40.0, 0.0, -10.0)), (), returning=True)
+    assert homecoming.intent((40.0, 0.0, -10.0)) == GoTo((40.0, 0.0, LAYER_DOWN_M))
+    assert not homecoming.over_home
+    homecoming.step(0.2, at((0.5, 0.0, -4.2)), (), returning=True)
+    assert homecoming.over_home
+
+
+def test_a_place_beside_home_is_kept_until_it_is_blocked_itself() -> None:
+    homecoming = Homecoming(LimitsConfig(), None, LAYER_DOWN_M)
+    homecoming.step(0.0, at((40.0, 0.0, -20.0)), (orphan(2, 1.0, 0.0),), returning=True)
+    first = landing_of(homecoming)
+    assert horizontal_m(first, (1.0, 0.0, 0.0)) >= 7.5
+    homecoming.step(9.0, at((30.0, 0.0, -20.0)), (), returning=True)
+    assert landing_of(homecoming) == first  # the orphan has gone, but changing one's mind costs battery
+    homecoming.step(18.0, at((30.0, 0.0, -20.0)), (orphan(2, *first[:2]),), returning=True)
+    assert horizontal_m(landing_of(homecoming), first) >= 7.5
+    assert horizontal_m(landing_of(homecoming), HOME) < 3.0
+
+
+def test_where_everything_is_taken_it_looks_again_now_and_then_only() -> None:
+    """Looking takes as long as a tick; and home stays the best guess."""
+    homecoming = Homecoming(LimitsConfig(), None, LAYER_DOWN_M)
+    crowd = tuple(orphan(2 + 5 * i + j, 10.0 * i - 20.0, 10.0 * j - 20.0) for i in range(5) for j in range(5))
+    homecoming.step(0.0, at((40.0, 0.0, -20.0)), crowd, returning=True)
+    assert landing_of(homecoming) == HOME
+    homecoming.step(0.5 * CHOOSE_EVERY_S, at((40.0, 0.0, -20.0)), crowd[12:13], returning=True)
+    assert landing_of(homecoming) == HOME
+    homecoming.step(CHOOSE_EVERY_S, at((40.0, 0.0, -20.0)), crowd[12:13], returning=True)
+    assert horizontal_m(landing_of(homecoming), HOME) >= 7.5
+
+
+def test_a_minute_without_getting_nearer_is_stuck_and_a_descent_is_no_standstill() -> None:
+    homecoming = Homecoming(LimitsConfig(), None, LAYER_DOWN_M)
+    homecoming.step(0.0, at((40.0, 0.0, -20.0)), (), returning=True)
+    homecoming.step(STUCK_S - 1.0, at((40.0, 0.0, -20.0)), (), returning=True)
+    assert not homecoming.stuck
+    homecoming.step(STUCK_S + 1.0, at((40.0, 0.0, -20.0)), (), returning=True)
+    assert homecoming.stuck
+    for tick in range(100):
+        homecoming.step(100.0 + tick, at((0.0, 0.0, -60.0 + 0.6 * tick)), (), returning=True)
+        assert not homecoming.stuck
+    homecoming.step(300.0, at((0.0, 0.0, -0.6)), (), returning=False)
+    assert not homecoming.stuck
+
+
+def test_a_sag_of_the_battery_is_no_reason_to_leave_and_a_low_one_is() -> None:
+    leaving = Leaving(LimitsConfig())
+    assert leaving.reason(0.0, 0.2, None) == ""
+    assert leaving.reason(2.0, 0.3, None) == ""
+    assert leaving.reason(3.0, 0.2, None) == ""
+    assert leaving.reason(6.5, 0.2, None) == "battery at 20%, below 25%"
+    assert leaving.reason(7.0, None, None) == ""
+
+
+def test_a_silent_ground_station_is_a_reason_only_where_it_is_configured() -> None:
+    assert Leaving(LimitsConfig()).reason(100.0, 1.0, 1.0) == ""
+    leaving = Leaving(LimitsConfig(ground_lost_s=30.0))
+    assert leaving.reason(100.0, 1.0, None) == ""
+    assert leaving.reason(30.0, 1.0, 1.0) == ""
+    assert leaving.reason(32.0, 1.0, 1.0) == "ground station silent for more than 30 s"

@@ -1,0 +1,281 @@
+"""The flight phases, state by event."""
+
+from __future__ import annotations
+
+import itertools
+
+import msgspec
+import pytest
+
+from flightstack.flight.phase import (
+    AFTER,
+    STEERING,
+    TAKING_PART,
+    Ask,
+    FlightPhase,
+    PhaseStep,
+    SwarmFacts,
+    VehicleFacts,
+)
+from flightstack.swarm.wire import Command, CommandName, Phase, Result, Severity
+from mission.strategies.contract import Order, Stage
+
+GROUND = VehicleFacts(
+    connected=True, problem="", armed=False, airborne=False, ours=False, mode="STABILIZE",
+    taken_reason="", at_takeoff_altitude=False,
+)  # fmt: skip
+ARMED = msgspec.structs.replace(GROUND, armed=True, ours=True, mode="GUIDED")
+UP = msgspec.structs.replace(ARMED, airborne=True, at_takeoff_altitude=True)
+ALONE = SwarmFacts(
+    order=None,
+    member=True,
+    formed_up=False,
+    over_home=False,
+    stuck=False,
+    shut_out=False,
+    must_return="",
+)
+
+
+def order(stage: Stage) -> Order:
+    return Order(1, stage, (0.0, 0.0, -10.0), 0.0)
+
+
+class Flight:
+    """Steps one phase machine, a tenth of a second at a time."""
+
+    def __init__(self) -> None:
+        self.machine = FlightPhase(3)
+        self.now_s = 100.0
+        self.identities = (f"c{n}" for n in itertools.count())
+
+    def step(self, vehicle: VehicleFacts, swarm: SwarmFacts = ALONE, *commands: Command) -> PhaseStep:
+        self.now_s += 0.1
+        return self.machine.step(self.now_s, commands, vehicle, swarm)
+
+    def command(self, name: CommandName, target: int = 0) -> Command:
+        return Command(next(self.identities), "ground", target, name)
+
+    def to(self, phase: Phase) -> Flight:
+        """Fly the ordinary way until `phase`."""
+        self.step(GROUND, ALONE, self.command(CommandName.START))
+        if phase is Phase.ARMING:
+            return self
+        self.step(ARMED)
+        if phase is Phase.TAKEOFF:
+            return self
+        self.step(UP)
+        if phase is Phase.FORMING:
+            return self
+        self.step(UP, msgspec.structs.replace(ALONE, formed_up=True, order=order(Stage.FORM)))
+        if phase is Phase.TRACKING:
+            self.step(UP, msgspec.structs.replace(ALONE, order=order(Stage.TRACK)))
+        if phase is Phase.HOLDING:
+            self.step(UP, ALONE, self.command(CommandName.PAUSE))
+        if phase is Phase.RETURNING:
+            self.step(UP, ALONE, self.command(CommandName.ABORT))
+        assert self.machine.phase is phase
+        return self
+
+
+def test_a_whole_flight() -> None:
+    flight = Flight()
+    step = flight.step(GROUND, ALONE, flight.command(CommandName.START))
+    assert step.phase is Phase.ARMING
+    assert step.started == "c0"
+    assert step.asks == (Ask.ARM,)
+    step = flight.step(ARMED)
+    assert (step.phase, step.asks) == (Phase.TAKEOFF, (Ask.TAKE_OFF,))
+    step = flight.step(UP)
+    assert (step.phase, step.steering) == (Phase.FORMING, True)
+    step = flight.step(UP, msgspec.structs.replace(ALONE, formed_up=True, order=order(Stage.FORM)))
+    assert step.phase is Phase.SEARCHING
+    assert flight.step(UP, msgspec.structs.replace(ALONE, order=order(Stage.TRACK))).phase is Phase.TRACKING
+    step = flight.step(UP, msgspec.structs.replace(ALONE, order=order(Stage.FOUND)))
+    assert step.phase is Phase.RETURNING
+    step = flight.step(UP, msgspec.structs.replace(ALONE, order=order(Stage.FOUND), over_home=True))
+    assert (step.phase, step.asks, step.steering) == (Phase.LANDING, (Ask.LAND,), False)
+    landing = msgspec.structs.replace(UP, ours=False, mode="LAND")
+    assert flight.step(landing).asks == ()
+    assert flight.step(msgspec.structs.replace(landing, armed=False, airborne=False)).phase is Phase.LANDED
+    assert flight.step(GROUND, ALONE, flight.command(CommandName.START)).phase is Phase.ARMING
+
+
+@pytest.mark.parametrize("phase", sorted(STEERING))
+def test_a_mode_that_is_not_ours_ends_our_authority_at_once(phase: Phase) -> None:
+    flight = Flight().to(phase)
+    flight.step(UP)
+    step = flight.step(msgspec.structs.replace(UP, ours=False, mode="LOITER"))
+    assert step.phase is Phase.PILOT
+    assert not step.steering
+    assert step.asks == ()
+    for _ in range(200):  # and it is not taken back, whatever the mode becomes
+        assert flight.step(UP).phase is Phase.PILOT
+
+
+def test_resume_takes_control_back_after_the_pilot() -> None:
+    flight = Flight().to(Phase.SEARCHING)
+    taken = msgspec.structs.replace(UP, ours=False, mode="LOITER")
+    flight.step(taken)
+    step = flight.step(taken, ALONE, flight.command(CommandName.RESUME))
+    assert (step.phase, step.asks) == (Phase.FORMING, (Ask.TAKE_CONTROL,))
+    assert flight.step(taken).phase is Phase.FORMING  # the mode change takes a moment
+    assert flight.step(UP).phase is Phase.FORMING
+    assert flight.step(taken).phase is Phase.PILOT
+
+
+def test_control_that_is_never_given_goes_back_to_the_pilot() -> None:
+    flight = Flight().to(Phase.SEARCHING)
+    taken = msgspec.structs.replace(UP, ours=False, mode="LOITER")
+    flight.step(taken)
+    flight.step(taken, ALONE, flight.command(CommandName.ABORT))
+    phases = {flight.step(taken).phase for _ in range(150)}
+    assert phases == {Phase.RETURNING, Phase.PILOT}
+    assert flight.machine.phase is Phase.PILOT
+
+
+def test_a_command_is_carried_out_once_and_answered_always() -> None:
+    flight = Flight()
+    start = flight.command(CommandName.START)
+    assert flight.step(GROUND, ALONE, start).started == start.identity
+    again = flight.step(ARMED, ALONE, start)
+    assert again.started is None
+    assert again.outcomes[0].result is Result.ACCEPTED
+
+
+@pytest.mark.parametrize("phase", sorted(TAKING_PART - {Phase.HOLDING}))
+def test_a_start_for_those_that_did_not_hear_the_first_is_nothing_new_to_the_others(phase: Phase) -> None:
+    flight = Flight().to(phase)
+    vehicle = GROUND if phase is Phase.ARMING else ARMED if phase is Phase.TAKEOFF else UP
+    step = flight.step(vehicle, ALONE, flight.command(CommandName.START))
+    assert (step.outcomes[0].result, step.started, step.phase) == (Result.ACCEPTED, None, phase)
+
+
+def test_a_drone_that_the_survey_has_counted_out_does_not_fly_one_of_its_own() -> None:
+    flight = Flight()
+    step = flight.step(
+        GROUND, msgspec.structs.replace(ALONE, shut_out=True), flight.command(CommandName.START)
+    )
+    assert step.outcomes[0].result is Result.REFUSED
+    assert "counted this drone out" in step.outcomes[0].reason
+
+
+def test_commands_to_others_are_not_ours() -> None:
+    flight = Flight()
+    step = flight.step(GROUND, ALONE, flight.command(CommandName.START, target=4))
+    assert (step.phase, step.outcomes) == (Phase.DISARMED, ())
+
+
+@pytest.mark.parametrize(
+    ("phase", "name"),
+    [
+        (Phase.DISARMED, CommandName.PAUSE),
+        (Phase.DISARMED, CommandName.RTL),
+        (Phase.DISARMED, CommandName.LAND),
+        (Phase.RETURNING, CommandName.RESUME),
+        (Phase.RETURNING, CommandName.PAUSE),
+        (Phase.HOLDING, CommandName.START),
+        (Phase.RETURNING, CommandName.START),
+    ],
+)
+def test_what_cannot_be_is_refused_with_a_reason_and_changes_nothing(phase: Phase, name: CommandName) -> None:
+    flight = Flight() if phase is Phase.DISARMED else Flight().to(phase)
+    step = flight.step(GROUND if phase is Phase.DISARMED else UP, ALONE, flight.command(name))
+    assert step.outcomes[0].result is Result.REFUSED
+    assert step.outcomes[0].reason
+    assert step.phase is phase
+
+
+def test_start_is_refused_while_the_autopilot_is_silent() -> None:
+    flight = Flight()
+    silent = msgspec.structs.replace(GROUND, connected=False)
+    step = flight.step(silent, ALONE, flight.command(CommandName.START))
+    assert step.outcomes[0].reason.startswith("the autopilot does not answer")
+
+
+def test_an_autopilot_that_never_gets_ready_ends_in_a_named_failure() -> None:
+    flight = Flight().to(Phase.ARMING)
+    step = flight.step(msgspec.structs.replace(GROUND, problem="not armed within 60 s: EKF has no position"))
+    assert step.phase is Phase.DISARMED
+    assert "EKF has no position" in step.notes[0].text
+    assert step.notes[0].severity is Severity.CRITICAL
+
+
+def test_a_takeoff_that_stalls_ends_in_a_landing() -> None:
+    flight = Flight().to(Phase.TAKEOFF)
+    step = flight.step(msgspec.structs.replace(ARMED, airborne=True, problem="take-off: stopped at 2.0 m"))
+    assert (step.phase, step.asks) == (Phase.LANDING, (Ask.LAND,))
+
+
+def test_abort_while_arming_cancels_the_start() -> None:
+    flight = Flight().to(Phase.ARMING)
+    step = flight.step(ARMED, ALONE, flight.command(CommandName.ABORT))
+    assert (step.phase, step.asks) == (Phase.DISARMED, (Ask.DISARM,))
+
+
+def test_rtl_is_asked_until_the_mode_has_left_ours_and_not_after() -> None:
+    flight = Flight().to(Phase.SEARCHING)
+    assert flight.step(UP, ALONE, flight.command(CommandName.RTL)).asks == (Ask.RETURN,)
+    assert flight.step(UP).asks == (Ask.RETURN,)
+    assert flight.step(msgspec.structs.replace(UP, ours=False, mode="RTL")).asks == ()
+    assert flight.step(msgspec.structs.replace(UP, ours=False, mode="LOITER")).asks == ()
+
+
+@pytest.mark.parametrize("phase", [Phase.FORMING, Phase.SEARCHING, Phase.TRACKING, Phase.HOLDING])
+def test_a_drone_that_cannot_go_on_announces_it_by_returning(phase: Phase) -> None:
+    flight = Flight().to(phase)
+    step = flight.step(UP, msgspec.structs.replace(ALONE, must_return="battery at 20 %"))
+    assert step.phase is Phase.RETURNING
+    assert any("battery" in note.text for note in step.notes)
+
+
+@pytest.mark.parametrize(
+    ("name", "phase"), [(CommandName.ABORT, Phase.RETURNING), (CommandName.LAND, Phase.LANDING)]
+)
+def test_an_agent_restarted_in_the_air_obeys_what_brings_its_drone_down(
+    name: CommandName, phase: Phase
+) -> None:
+    flight = Flight()
+    assert flight.step(UP).phase is Phase.DISARMED
+    assert flight.step(UP, ALONE, flight.command(CommandName.START)).outcomes[0].result is Result.REFUSED
+    assert flight.step(UP, ALONE, flight.command(name)).phase is phase
+
+
+def test_a_drone_whose_way_home_is_blocked_lands_where_it_is() -> None:
+    flight = Flight().to(Phase.RETURNING)
+    step = flight.step(UP, msgspec.structs.replace(ALONE, stuck=True))
+    assert (step.phase, step.asks) == (Phase.LANDING, (Ask.LAND,))
+
+
+def test_a_drone_that_the_swarm_has_counted_out_goes_home() -> None:
+    flight = Flight().to(Phase.SEARCHING)
+    step = flight.step(UP, msgspec.structs.replace(ALONE, member=False))
+    assert step.phase is Phase.RETURNING
+    assert [(note.severity, note.code) for note in step.notes] == [(Severity.WARNING, "leaving")]
+
+
+@pytest.mark.parametrize("phase", [Phase.FORMING, Phase.SEARCHING, Phase.TRACKING, Phase.HOLDING])
+def test_a_drone_that_is_disarmed_during_the_survey_has_left_it(phase: Phase) -> None:
+    flight = Flight().to(phase)
+    swarm = msgspec.structs.replace(
+        ALONE, order=order(Stage.TRACK if phase is Phase.TRACKING else Stage.SEARCH)
+    )
+    fallen = msgspec.structs.replace(ARMED, armed=False)
+    phases = [flight.step(fallen, swarm).phase for _ in range(40)]
+    assert phases[10] is phase  # one heartbeat that says so is not enough
+    assert phases[-1] is Phase.LANDED
+
+
+def test_a_survey_does_not_start_from_outside_the_fence() -> None:
+    flight = Flight()
+    outside = msgspec.structs.replace(ALONE, must_return="the launch point is 5 m outside the geofence")
+    step = flight.step(GROUND, outside, flight.command(CommandName.START))
+    assert step.outcomes[0].result is Result.REFUSED
+    assert "outside the geofence" in step.outcomes[0].reason
+    assert step.phase is Phase.DISARMED
+
+
+def test_every_change_is_in_the_table() -> None:
+    assert set(AFTER) == set(Phase)
+    for phase, following in AFTER.items():
+        assert phase not in following

@@ -1,0 +1,283 @@
+"""Messages that decode and must not be believed: none may end an agent, spoil its tree or steer its drone."""
+
+from __future__ import annotations
+
+import math
+import pathlib
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from flightstack.agent import Agent, Inputs, PeerMessage
+from flightstack.config_file import load
+from flightstack.flight.strategy_call import consult
+from flightstack.swarm import topics
+from flightstack.swarm.admission import LONGEST_WORD, flaw, refusal
+from flightstack.swarm.topics import Topic
+from flightstack.swarm.wire import (
+    Command,
+    CommandName,
+    DroneState,
+    Phase,
+    Severity,
+    Traffic,
+    TrafficVehicle,
+    TreeState,
+)
+from mission.strategies.contract import (
+    Decision,
+    GoTo,
+    Hold,
+    Observation,
+    Order,
+    Reading,
+    Scalar,
+    Stage,
+    Velocity,
+    Wind,
+)
+
+EXAMPLE = pathlib.Path(__file__).parents[4] / "examples" / "drone.yaml"
+MEMBERS = (1, 2, 3, 4, 5)
+NAN, INF = math.nan, math.inf
+READING = Reading(2, 7, (1.0, 2.0, -10.0), 40.0, 4.0)
+ORDER = Order(7, Stage.TRACK, (1.0, 2.0, -10.0), 0.5, None, 3.0, (0.0, 0.0, -10.0), READING, 2)
+SLOTS = tuple((drone, slot) for slot, drone in enumerate(MEMBERS))
+TREE = TreeState(2, 1, 0, 2, 2, SLOTS, (), ORDER, (READING,), 2, "survey", ((4, 1), (3, 2)))
+STATE = DroneState(
+    2, 1, 1, 0, Phase.SEARCHING, (1.0, 2.0, -10.0), (0.5, 0.0, 0.0), 0.0, None, True, True, "GUIDED", 0.9,
+    450.0, None, None, 0, 1, 1, False, None,
+)  # fmt: skip
+COMMAND = Command("c1", "ground", 0, CommandName.START)
+replace = msgspec.structs.replace
+
+
+def agent() -> Agent:
+    return Agent(load(EXAMPLE), incarnation=7)
+
+
+def message(topic: Topic, sender: str, content: object) -> PeerMessage:
+    return PeerMessage(topic.name, sender, topic.codec.encode(content))
+
+
+@pytest.mark.parametrize("good", [STATE, TREE, COMMAND, replace(TREE, order=None, readings=())])
+def test_what_a_healthy_node_says_is_believed(good: object) -> None:
+    assert refusal(good, MEMBERS) == ""
+
+
+def test_a_drone_without_a_sensor_reports_a_reading_of_infinite_variance() -> None:
+    blind = replace(READING, excess_co2_ppm=0.0, variance_ppm2=INF)
+    assert refusal(replace(TREE, readings=(blind,)), MEMBERS) == ""
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        replace(STATE, position_ned_m=(NAN, 0.0, 0.0)),
+        replace(STATE, position_ned_m=(0.0, 1e300, 0.0)),
+        replace(STATE, velocity_ned_mps=(0.0, 0.0, INF)),
+        replace(STATE, home_ned_m=(0.0, NAN, 0.0)),
+        replace(STATE, position_age_s=NAN),
+        replace(STATE, position_age_s=-1.0),
+        replace(TREE, epoch=2**64 - 1),
+        replace(TREE, epoch=-1),
+        replace(TREE, heals=2**63),
+        replace(TREE, author=9),
+        replace(TREE, author=1),
+        replace(TREE, epoch=3),
+        replace(TREE, lineage=()),
+        replace(TREE, lineage=((4, 9), (3, 2))),
+        replace(TREE, lineage=((2**62, 1), (3, 2))),
+        replace(TREE, epoch=1000, lineage=((4, 2),) * 1000),
+        replace(TREE, slots=()),
+        replace(TREE, slots=((1, 0), (2, 10**9))),
+        replace(TREE, slots=((1, 0), (2, -1))),
+        replace(TREE, slots=((1, 0), (1, 1))),
+        replace(TREE, slots=((1, 0), (2, 0))),
+        replace(TREE, slots=((1, 0), (99, 1))),
+        replace(TREE, lost=tuple(range(10_000))),
+        replace(TREE, readings=(READING,) * 10_000),
+        replace(TREE, readings=(replace(READING, excess_co2_ppm=NAN),)),
+        replace(TREE, readings=(replace(READING, variance_ppm2=-1.0),)),
+        replace(TREE, readings=(replace(READING, variance_ppm2=NAN),)),
+        replace(TREE, readings=(replace(READING, position_ned_m=(INF, 0.0, 0.0)),)),
+        replace(TREE, order=replace(ORDER, sequence=2**64 - 1)),
+        replace(TREE, order=replace(ORDER, anchor_ned_m=(NAN, 0.0, 0.0))),
+        replace(TREE, order=replace(ORDER, rotation_rad=INF)),
+        replace(TREE, order=replace(ORDER, search_radius_m=INF)),
+        replace(TREE, order=replace(ORDER, search_start_ned_m=(0.0, 1e9, 0.0))),
+        replace(TREE, order=replace(ORDER, source_ned_m=(0.0, NAN, 0.0))),
+        replace(TREE, order=replace(ORDER, best=replace(READING, excess_co2_ppm=0.0))),
+        replace(TREE, order=replace(ORDER, best=replace(READING, variance_ppm2=INF))),
+        replace(TREE, order=replace(ORDER, waypoints_since_best=-(2**62))),
+        replace(COMMAND, identity=""),
+        replace(COMMAND, identity="x" * (LONGEST_WORD + 1)),
+        replace(COMMAND, sender="a\nb"),
+        Traffic("ground", 0, (TrafficVehicle(2, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.1),) * 1000),
+    ],
+)
+def test_what_cannot_be_is_refused(bad: object) -> None:
+    assert refusal(bad, MEMBERS) != ""
+
+
+def test_a_refused_tree_is_told_once_and_changes_nothing() -> None:
+    flyer = agent()
+    start = message(topics.COMMAND, "ground", COMMAND)
+    flyer.step(1.0, Inputs(peers=(start,)))
+    bad = replace(TREE, frame=flyer.frame.identity, slots=((1, 0), (2, 10**9)), survey="c1")
+    told = [
+        event.text
+        for tick in range(5)
+        for event in flyer.step(2.0 + tick, Inputs(peers=(message(topics.TREE, "2", bad),))).events
+        if event.code == "peer"
+    ]
+    assert told == ["a message of 2 is refused: its slots are not those of this swarm"]
+
+
+def test_estimates_that_are_none_do_not_hide_the_drone_that_sent_them() -> None:
+    flyer = agent()
+    odd = replace(
+        STATE,
+        frame=flyer.frame.identity,
+        excess_co2_ppm=Scalar(NAN, -1.0, 0.0),
+        wind=Wind((INF, 0.0, 0.0), 1.0, 0.0),
+    )
+    flyer.step(1.0, Inputs(peers=(message(topics.STATE, "2", odd),)))
+    (neighbour,) = flyer._belief.neighbours(1.1)
+    assert (neighbour.excess_co2_ppm, neighbour.wind) == (None, None)
+    assert neighbour.position_ned_m == (1.0, 2.0, -10.0)
+
+
+def test_one_odd_vehicle_does_not_hide_the_others_in_the_traffic() -> None:
+    flyer = agent()
+    good = TrafficVehicle(3, (40.0, 0.0, -10.0), (0.0, 0.0, 0.0), 0.5)
+    odd = [replace(good, drone=4, age_s=age_s) for age_s in (NAN, -5.0, INF)]
+    odd += [replace(good, drone=5, position_ned_m=(NAN, 0.0, 0.0)), replace(good, drone=2**60)]
+    traffic = Traffic("ground", flyer.frame.identity, (*odd, good))
+    flyer.step(1.0, Inputs(peers=(message(topics.TRAFFIC, "ground", traffic),)))
+    assert [n.drone for n in flyer._belief.neighbours(1.1)] == [3]
+
+
+numbers = st.one_of(st.floats(), st.sampled_from((0.0, 1.0, -10.0, 1e308, NAN, INF, -INF)))
+counts = st.one_of(st.integers(-(2**63), 2**64 - 1), st.integers(-1, 6))
+vectors = st.tuples(numbers, numbers, numbers)
+readings = st.builds(Reading, counts, counts, vectors, numbers, numbers)
+orders = st.builds(
+    Order, counts, st.sampled_from(Stage), vectors, numbers, st.none() | vectors, numbers, st.none() | vectors,
+    st.none() | readings, counts,
+)  # fmt: skip
+assignments = st.one_of(
+    st.lists(st.tuples(counts, counts), max_size=6).map(tuple),
+    st.permutations(MEMBERS).map(lambda drones: tuple((drone, slot) for slot, drone in enumerate(drones))),
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    epoch=counts,
+    author=counts,
+    lineage=st.one_of(
+        st.just(()),
+        st.lists(st.tuples(st.integers(0, 6), st.sampled_from(MEMBERS)), max_size=4).map(tuple),
+        st.lists(st.tuples(counts, counts), max_size=6).map(tuple),
+    ),
+    fitting=st.booleans(),
+    slots=assignments,
+    lost=st.lists(counts, max_size=6).map(tuple),
+    order=st.none() | orders,
+    read=st.lists(readings, max_size=6).map(tuple),
+    position=vectors,
+    velocity=vectors,
+    mean=numbers,
+)
+def test_no_well_formed_message_ends_an_agent(
+    epoch: int,
+    author: int,
+    lineage: tuple[tuple[int, int], ...],
+    fitting: bool,
+    slots: tuple[tuple[int, int], ...],
+    lost: tuple[int, ...],
+    order: Order | None,
+    read: tuple[Reading, ...],
+    position: tuple[float, float, float],
+    velocity: tuple[float, float, float],
+    mean: float,
+) -> None:
+    flyer = agent()
+    frame = flyer.frame.identity
+    flyer.step(1.0, Inputs(peers=(message(topics.COMMAND, "ground", COMMAND),)))
+    flyer._tree.begin(1.0, "c1", (0.0, 0.0, -10.0))  # as if its autopilot had been there to accept the start
+    if fitting:
+        epoch, author = len(lineage), lineage[-1][1] if lineage else 0
+    tree = TreeState(2, 1, frame, epoch, author, slots, lost, order, read, 0, "c1", lineage)
+    state = replace(
+        STATE,
+        frame=frame,
+        position_ned_m=position,
+        velocity_ned_mps=velocity,
+        position_age_s=abs(mean),
+        excess_co2_ppm=Scalar(mean, mean, mean),
+        wind=Wind(velocity, mean, mean),
+    )
+    traffic = Traffic("ground", frame, (TrafficVehicle(3, position, velocity, mean),))
+    peers = (
+        message(topics.TREE, "2", tree),
+        message(topics.STATE, "2", state),
+        message(topics.TRAFFIC, "ground", traffic),
+    )
+    for tick in range(12):
+        flyer.step(2.0 + tick, Inputs(peers=peers))
+    flyer._tree.message()
+    for neighbour in flyer._belief.neighbours(14.0):
+        assert all(map(math.isfinite, (*neighbour.position_ned_m, *neighbour.velocity_ned_mps)))
+
+
+class Broken:
+    """A strategy with a defect."""
+
+    def decide(self, observation: Observation, rng: np.random.Generator) -> Decision:
+        raise ZeroDivisionError("no way")
+
+
+class Says:
+    def __init__(self, decision: Decision) -> None:
+        self._decision = decision
+
+    def decide(self, observation: Observation, rng: np.random.Generator) -> Decision:
+        return self._decision
+
+
+@pytest.mark.parametrize(
+    "decision",
+    [
+        Decision(GoTo((NAN, 0.0, 0.0))),
+        Decision(GoTo((0.0, 0.0, 0.0), NAN)),
+        Decision(Velocity((0.0, INF, 0.0))),
+        Decision(Hold(), reading=replace(READING, excess_co2_ppm=NAN)),
+        Decision(Hold(), order=replace(ORDER, anchor_ned_m=(NAN, 0.0, 0.0))),
+    ],
+)
+def test_a_strategy_that_decides_on_nonsense_is_not_obeyed(decision: Decision) -> None:
+    assert flaw(decision) != ""
+    held, failure = consult(Says(decision), None, np.random.default_rng(1))  # type: ignore[arg-type]
+    assert held == Decision(Hold())
+    assert failure.startswith("the strategy failed: ")
+
+
+def test_a_strategy_that_raises_tells_where_and_holds() -> None:
+    held, failure = consult(Broken(), None, np.random.default_rng(1))  # type: ignore[arg-type]
+    assert held == Decision(Hold())
+    assert failure.startswith("the strategy failed: ZeroDivisionError: no way (test_admission.py:")
+
+
+@pytest.mark.parametrize(("ticks", "second"), [(500, True), (0, False)])
+def test_of_two_nodes_with_one_number_the_younger_gives_way(ticks: int, second: bool) -> None:
+    flyer = agent()
+    assert not flyer.comes_second
+    twin = replace(STATE, sender=1, frame=flyer.frame.identity, ticks=ticks)
+    output = flyer.step(1.0, Inputs(peers=(message(topics.STATE, "1", twin),)))
+    assert flyer.comes_second is second
+    assert [event.severity for event in output.events if event.code == "peer"] == [Severity.WARNING]

@@ -1,0 +1,261 @@
+"""The failure monitor: which alarm, when, and how it ends."""
+
+from __future__ import annotations
+
+import pytest
+
+from flightstack.swarm import topics
+from flightstack.swarm.wire import Command, CommandName, CommandOutcome, Phase, Result, Severity
+from flightstack.transport import Received
+from gcs.fleet.monitor import Monitor, on_the_wire
+from gcs.fleet.view import FleetView
+from gcs.station_config import AlarmLimits
+from mission.geometry.geofence import Geofence, LocalFence
+
+
+def codes(monitor: Monitor) -> dict[int, set[str]]:
+    found: dict[int, set[str]] = {}
+    for alarm in monitor.alarms:
+        found.setdefault(alarm.drone, set()).add(alarm.code)
+    return found
+
+
+def run(monitor, swarm, start_s, end_s, step_s=0.5):
+    changes = []
+    now_s = start_s
+    while now_s <= end_s:
+        changes.append(monitor.step(now_s, swarm.tick(now_s)))
+        now_s += step_s
+    return changes
+
+
+def test_a_healthy_swarm_has_no_alarms(fleet):
+    monitor = Monitor(AlarmLimits())
+    run(monitor, fleet(), 0.0, 60.0)
+    assert monitor.alarms == []
+
+
+def test_agent_and_vehicle_silent_in_the_air_is_a_lost_drone(fleet):
+    swarm, monitor = fleet(), Monitor(AlarmLimits())
+    run(monitor, swarm, 0.0, 5.0)
+    del swarm.talking[2]
+    run(monitor, swarm, 5.5, 7.5)
+    assert monitor.alarms == []
+    run(monitor, swarm, 8.0, 10.0)
+    (alarm,) = monitor.alarms
+    assert (alarm.drone, alarm.code, alarm.severity) == (2, "lost", Severity.CRITICAL)
+
+
+def test_a_flying_vehicle_without_its_agent_is_an_orphan(fleet, autopilot):
+    swarm, monitor = fleet(), Monitor(AlarmLimits())
+    swarm.flying = {2: autopilot(2)}
+    run(monitor, swarm, 0.0, 5.0)
+    del swarm.talking[2]
+    run(monitor, swarm, 5.5, 10.0)
+    (alarm,) = monitor.alarms
+    assert (alarm.code, alarm.severity) == ("orphan", Severity.CRITICAL)
+    assert "GUIDED" in alarm.text
+    swarm.flying[2].landed_state, swarm.flying[2].armed = 1, False
+    run(monitor, swarm, 10.5, 14.0)
+    assert codes(monitor) == {2: {"agent_silent"}}
+
+
+def test_an_agent_that_ended_on_the_ground_is_worth_a_line_only(fleet):
+    swarm, monitor = fleet(), Monitor(AlarmLimits())
+    swarm.talking[2] = {"phase": Phase.LANDED, "armed": False, "airborne": False}
+    run(monitor, swarm, 0.0, 5.0)
+    del swarm.talking[2]
+    run(monitor, swarm, 5.5, 10.0)
+    (alarm,) = monitor.alarms
+    assert (alarm.code, alarm.severity) == ("agent_silent", Severity.INFO)
+
+
+def test_a_silent_autopilot_with_a_live_agent(fleet, autopilot):
+    swarm, monitor = fleet(), Monitor(AlarmLimits())
+    swarm.flying = {2: autopilot(2)}
+    run(monitor, swarm, 0.0, 5.0)
+    swarm.flying = {}
+    run(monitor, swarm, 5.5, 12.0)
+    assert codes(monitor) == {2: {"vehicle_silent"}}
+
+
+def test_members_that_never_came_are_reported_after_a_while(fleet):
+    swarm, monitor = fleet(), Monitor(AlarmLimits(absent_s=20.0))
+    del swarm.talking[3]
+    run(monitor, swarm, 0.0, 19.0)
+    assert monitor.alarms == []
+    run(monitor, swarm, 19.5, 21.0)
+    assert codes(monitor) == {3: {"absent"}}
+
+
+def test_a_short_gap_neither_clears_nor_raises_again(fleet):
+    swarm, monitor = fleet(), Monitor(AlarmLimits())
+    trouble = {"notes": ("co2: error, supply voltage low",)}
+    swarm.talking[1] = trouble
+    run(monitor, swarm, 0.0, 5.0)
+    swarm.talking[1] = {}
+    changes = run(monitor, swarm, 5.5, 6.5)
+    swarm.talking[1] = trouble
+    changes += run(monitor, swarm, 7.0, 9.0)
+    assert not any(change.raised or change.cleared for change in changes)
+    swarm.talking[1] = {}
+    (cleared,) = [alarm for change in run(monitor, swarm, 9.5, 14.0) for alarm in change.cleared]
+    assert cleared.code == "sensor"
+    assert monitor.alarms == []
+
+
+def test_an_instruments_trouble_is_told_with_its_reason(fleet):
+    swarm, monitor = fleet(), Monitor(AlarmLimits())
+    notes = (
+        "co2: zeroing 12 of 25",
+        "guard: held back by drone 4",
+        "setpoint withheld: the autopilot is silent",
+    )
+    swarm.talking[1] = {"notes": notes}
+    run(monitor, swarm, 0.0, 3.0)
+    (alarm,) = monitor.alarms
+    assert (alarm.code, alarm.text) == ("sensor", "co2: zeroing 12 of 25")
+
+
+def test_a_severity_that_flickers_is_told_once(fleet):
+    swarm, monitor = fleet(), Monitor(AlarmLimits())
+    raised = []
+    for tick in range(40):
+        swarm.talking[1] = {"notes": ("co2: silent, no answer",), "armed": tick % 2 == 0}
+        raised += monitor.step(tick * 0.5, swarm.tick(tick * 0.5)).raised
+    assert [alarm.severity for alarm in raised] == [Severity.WARNING]
+
+
+def test_battery_alarms_have_two_levels_and_hysteresis(fleet):
+    swarm, monitor = fleet(), Monitor(AlarmLimits())
+    swarm.talking[1] = {"battery_fraction": 0.29}
+    run(monitor, swarm, 0.0, 4.0)
+    (alarm,) = monitor.alarms
+    assert (alarm.code, alarm.severity) == ("battery", Severity.WARNING)
+    swarm.talking[1] = {"battery_fraction": 0.31}
+    run(monitor, swarm, 4.5, 10.0)
+    assert codes(monitor) == {1: {"battery"}}, "a battery that recovers by 2 % is still low"
+    swarm.talking[1] = {"battery_fraction": 0.14}
+    raised = [a for change in run(monitor, swarm, 10.5, 12.0) for a in change.raised]
+    assert [a.severity for a in raised] == [Severity.CRITICAL], "said again when it gets worse, once"
+
+
+def test_fence_breaches_count_in_the_air_and_end_well_inside(fleet, frame):
+    corners = [(-50.0, -50.0), (50.0, -50.0), (50.0, 50.0), (-50.0, 50.0)]
+    points = [frame.to_geodetic((north, east, 0.0)) for north, east in corners]
+    polygon = tuple((point.latitude_deg, point.longitude_deg) for point in points)
+    fence = LocalFence(frame, Geofence(inclusion=(polygon,)))
+    swarm, monitor = fleet(), Monitor(AlarmLimits(), fence)
+    run(monitor, swarm, 0.0, 2.0)
+    assert monitor.alarms == []
+    swarm.talking[1] = {"position_ned_m": (53.0, 0.0, -10.0)}
+    run(monitor, swarm, 2.5, 3.0)
+    (alarm,) = monitor.alarms
+    assert (alarm.code, alarm.severity) == ("fence", Severity.CRITICAL)
+    assert "3 m outside" in alarm.text
+    swarm.talking[1] = {"position_ned_m": (49.5, 0.0, -10.0)}
+    run(monitor, swarm, 3.5, 8.0)
+    assert codes(monitor) == {1: {"fence"}}
+    swarm.talking[1] = {"position_ned_m": (45.0, 0.0, -10.0)}
+    run(monitor, swarm, 8.5, 12.0)
+    assert monitor.alarms == []
+    swarm.talking[1] = {"position_ned_m": (80.0, 0.0, 0.0), "airborne": False}
+    run(monitor, swarm, 12.5, 16.0)
+    assert monitor.alarms == []
+
+
+def test_ceiling(fleet):
+    swarm, monitor = fleet(), Monitor(AlarmLimits(ceiling_above_home_m=30.0))
+    swarm.talking[1] = {"position_ned_m": (0.0, 0.0, -31.0)}
+    run(monitor, swarm, 0.0, 2.0)
+    assert codes(monitor) == {1: {"ceiling"}}
+
+
+@pytest.mark.parametrize(
+    ("changes", "code"),
+    [
+        ({"frame": 1}, "frame"),
+        ({"position_ned_m": None}, "position"),
+        ({"phase": Phase.DISARMED}, "unflown"),
+    ],
+)
+def test_what_the_agent_says_of_itself(fleet, changes, code):
+    swarm, monitor = fleet(), Monitor(AlarmLimits())
+    swarm.talking[1] = changes
+    run(monitor, swarm, 0.0, 5.0)
+    assert codes(monitor) == {1: {code}}
+
+
+def test_late_ticks(fleet, state, on_air, frame):
+    view, monitor = FleetView((1,), frame, 0.0), Monitor(AlarmLimits())
+    for second in range(20):
+        told = state(1, sequence=second, ticks=10 * second, late_ticks=2 * second)
+        view.receive_peer(float(second), on_air(told))
+        monitor.step(float(second), view)
+    assert codes(monitor) == {1: {"late_ticks"}}
+
+
+def test_two_agents_with_one_id(fleet, state, on_air, frame):
+    view, monitor = FleetView((1,), frame, 0.0), Monitor(AlarmLimits())
+    for tick in range(20):
+        view.receive_peer(tick * 0.2, on_air(state(1, sequence=tick, incarnation=1 + tick % 2)))
+        monitor.step(tick * 0.2, view)
+    assert "identity" in codes(monitor)[1]
+
+
+def test_a_command_that_a_live_drone_does_not_answer(fleet, on_air):
+    swarm, monitor = fleet(), Monitor(AlarmLimits())
+    swarm.tick(1.0)
+    swarm.view.receive_peer(1.0, on_air(Command("abcdefgh-1", "op", 0, CommandName.PAUSE)))
+    for drone in (1, 3):
+        swarm.view.receive_peer(1.1, on_air(CommandOutcome("abcdefgh-1", drone, Result.ACCEPTED)))
+    run(monitor, swarm, 1.5, 5.5)
+    assert monitor.alarms == []
+    run(monitor, swarm, 6.0, 8.0)
+    (alarm,) = monitor.alarms
+    assert (alarm.drone, alarm.code) == (2, "no_ack:abcdefgh")
+    assert "pause" in alarm.text
+    run(monitor, swarm, 8.5, 40.0)
+    assert monitor.alarms == []
+
+
+def test_unreadable_messages(fleet):
+    swarm, monitor = fleet(), Monitor(AlarmLimits())
+    swarm.tick(1.0)
+    swarm.view.receive_peer(1.0, Received(topics.TREE, "9", b"\x01\xff"))
+    run(monitor, swarm, 1.0, 2.0)
+    assert "wire" in codes(monitor)[9]
+
+
+def test_vehicles_of_others_are_mentioned_not_alarmed_about(fleet, autopilot):
+    swarm, monitor = fleet(), Monitor(AlarmLimits())
+    swarm.flying = {77: autopilot(77)}
+    run(monitor, swarm, 0.0, 10.0)
+    (alarm,) = monitor.alarms
+    assert (alarm.drone, alarm.code, alarm.severity) == (77, "foreign", Severity.INFO)
+
+
+def test_a_station_that_starts_in_mid_flight_waits_for_the_agents_to_be_found(fleet, autopilot):
+    swarm, monitor = fleet(), Monitor(AlarmLimits())
+    swarm.flying = {2: autopilot(2)}
+    talking = swarm.talking.pop(2)
+    run(monitor, swarm, 0.0, 3.0)
+    assert monitor.alarms == []
+    swarm.talking[2] = talking
+    run(monitor, swarm, 3.5, 20.0)
+    assert monitor.alarms == []
+
+
+def test_alarms_travel_with_ages(fleet):
+    swarm, monitor = fleet(), Monitor(AlarmLimits())
+    swarm.talking[1] = {"frame": 1}
+    run(monitor, swarm, 10.0, 12.0)
+    (told,) = on_the_wire(monitor.alarms, 15.0)
+    assert (told.drone, told.code, told.age_s) == (1, "frame", 5.0)
+
+
+def test_without_patience_it_judges_at_first_sight(fleet):
+    swarm, monitor = fleet(), Monitor(AlarmLimits(), patience=0.0)
+    swarm.talking[1] = {"battery_fraction": 0.1}
+    monitor.step(0.0, swarm.tick(0.0))
+    assert codes(monitor) == {1: {"battery"}}

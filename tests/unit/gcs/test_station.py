@@ -1,0 +1,252 @@
+"""The station's core, tick by tick: what it sends, tells and records, without any I/O."""
+
+from __future__ import annotations
+
+import itertools
+
+import msgspec
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from flightstack.swarm import topics
+from flightstack.swarm.wire import Command, CommandName, Phase, Result
+from gcs.mavlink_port import MavlinkPort
+from gcs.station import Station
+
+
+class World:
+    """A station with agents and vehicles round it, at 10 Hz of simulated time."""
+
+    def __init__(self, config, state, on_air):
+        self.station = Station(config, None, 0.0)
+        self.state, self.on_air = state, on_air
+        self.agents = {1: {}, 2: {}, 3: {}}
+        self.vehicles = []
+        self.published = []
+        self.sent = []
+        self.timeline = []
+        self.frames = []
+        self.log = []
+        self._tick = itertools.count()
+        self._reader = MavlinkPort(1)
+        self.now_s = 0.0
+
+    def run(self, seconds, *messages):
+        for index in range(round(seconds * 10)):
+            tick = next(self._tick)
+            self.now_s = tick / 10
+            peers = [self.on_air(m) for m in messages] if index == 0 else []
+            if tick % 2 == 0:
+                peers += [self.on_air(self.state(d, sequence=tick, **c)) for d, c in self.agents.items()]
+            data = b"".join(v.everything() for v in self.vehicles) if tick % 5 == 0 else b""
+            outputs = self.station.step(self.now_s, peers, [data])
+            self.published += [(self.now_s, topic, message) for topic, message in outputs.publish]
+            self.sent += [(self.now_s, m) for m in self._reader.decode(outputs.writes[0])]
+            self.timeline += outputs.timeline
+            self.frames += outputs.frames
+            self.log += outputs.log
+
+    def told(self, topic):
+        return [message for _, t, message in self.published if t is topic]
+
+    def commands(self, number):
+        return [(at, m) for at, m in self.sent if m.get_type() == "COMMAND_LONG" and m.command == number]
+
+
+@pytest.fixture
+def world(ground_config, state, on_air):
+    return World(ground_config, state, on_air)
+
+
+def test_heartbeats_and_beats_once_a_second(world):
+    world.run(10.0)
+    beats = [m for _, m in world.sent if m.get_type() == "HEARTBEAT"]
+    assert len(beats) == 10
+    assert {(m.type, m.autopilot, m.get_srcSystem(), m.get_srcComponent()) for m in beats} == {
+        (6, 8, 255, 190)
+    }
+    assert len({m.get_seq() for m in beats}) == 10
+    assert len(world.told(topics.GROUND)) == 10
+    assert len(world.told(topics.REPORT)) == 10
+    assert world.told(topics.TRAFFIC) == []
+
+
+def test_asks_for_few_streams_and_asks_again_when_they_stop(world, autopilot):
+    vehicle = autopilot(2)
+    quiet = autopilot(2)
+    quiet.everything = vehicle.heartbeat
+    world.vehicles = [quiet]
+    world.run(5.0)
+    asked = {int(m.param1): m.param2 for _, m in world.commands(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL)}
+    assert asked == {33: 250_000, 1: 1_000_000, 245: 1_000_000}
+    assert {int(m.param1) for _, m in world.commands(mavlink.MAV_CMD_REQUEST_MESSAGE)} == {242}
+    assert {
+        (m.target_system, m.target_component) for _, m in world.sent if m.get_type() == "COMMAND_LONG"
+    } == {(2, 1)}
+    world.vehicles = [vehicle]
+    world.run(2.0)
+    world.sent.clear()
+    world.run(20.0)
+    assert world.commands(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL) == [], "what comes is not asked for"
+    world.vehicles = [quiet]
+    world.run(5.0)
+    assert world.commands(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL), "after a restart of the autopilot"
+
+
+def test_a_vehicle_that_never_sends_is_not_flooded(world, autopilot):
+    vehicle = autopilot(2)
+    vehicle.everything = vehicle.heartbeat
+    world.vehicles = [vehicle]
+    world.run(120.0)
+    assert len(world.commands(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL)) < 60
+
+
+def test_an_orphan_becomes_traffic_and_is_called_home(world, autopilot):
+    vehicle = autopilot(2)
+    world.vehicles = [vehicle]
+    world.run(10.0)
+    assert world.told(topics.TRAFFIC) == []
+    del world.agents[2]
+    world.run(10.0)
+    told = world.told(topics.TRAFFIC)
+    assert 25 <= len(told) <= 35, "4 a second from 2 s after the last word"
+    assert told[-1].vehicles[0].drone == 2
+    assert told[-1].vehicles[0].position_ned_m == pytest.approx((10.0, 20.0, -12.0), abs=0.1)
+    modes = world.commands(mavlink.MAV_CMD_DO_SET_MODE)
+    assert modes[0][0] == pytest.approx(15.0, abs=0.5)
+    assert modes[0][1].param2 == 6.0
+    vehicle.mode = 6
+    world.run(2.0)
+    world.sent.clear()
+    vehicle.armed = False
+    world.run(5.0)
+    assert world.commands(mavlink.MAV_CMD_DO_SET_MODE) == []
+    codes = [event.code for event in world.told(topics.EVENT)]
+    assert "orphan" in codes
+    assert codes.count("bring_home") == 3
+    said = [entry.message.text for entry in world.timeline if entry.topic == "/action"]
+    assert any("commanded to return" in text for text in said)
+    assert world.told(topics.TRAFFIC)[-1] is not None
+    report = world.told(topics.REPORT)[-1]
+    assert [v.mode for v in report.vehicles] == ["RTL"]
+
+
+def test_each_part_of_a_swarm_that_came_apart_is_told_where_the_other_is(world, autopilot, tree):
+    """We hear both; they do not hear each other."""
+    world.vehicles = [autopilot(2)]
+    for _ in range(10):
+        world.run(1.0, tree(1, (1, 2, 3)), tree(2, (1, 2, 3)))
+    assert world.told(topics.TRAFFIC) == []
+    for _ in range(2):
+        world.run(1.0, tree(1, (1, 3)), tree(2, (2,)))
+    assert [vehicle.drone for vehicle in world.told(topics.TRAFFIC)[-1].vehicles] == [2]
+
+
+def test_alarms_are_events_once_and_reported_every_second(world):
+    world.agents[1] = {"battery_fraction": 0.1}
+    world.run(10.0)
+    alarms = [e for e in world.told(topics.EVENT) if e.code == "battery"]
+    assert len(alarms) == 1
+    assert any(a.code == "battery" for a in world.told(topics.REPORT)[-1].alarms)
+    world.agents[1] = {}
+    world.run(5.0)
+    assert [e.text[:5] for e in world.told(topics.EVENT) if e.code == "battery"][-1] == "over:"
+    assert world.told(topics.REPORT)[-1].alarms == ()
+
+
+def test_everything_heard_is_on_the_timeline_and_frames_go_to_their_vehicles_logs(world, autopilot):
+    world.vehicles = [autopilot(2), autopilot(3)]
+    world.run(2.0, Command("id-1", "op", 0, CommandName.PAUSE))
+    heard = {entry.topic for entry in world.timeline}
+    assert {"/state/1", "/state/2", "/state/3", "/command/op"} <= heard
+    systems = {frame.system for frame in world.frames}
+    assert systems == {2, 3}
+    for frame in world.frames:
+        (message,) = MavlinkPort(1).decode(frame.data)
+        assert frame.system in (message.get_srcSystem(), getattr(message, "target_system", None))
+    for entry in world.timeline:
+        msgspec.json.encode(entry.message)
+
+
+def outcomes(world):
+    return {o.sender: o for o in world.told(topics.OUTCOME)}
+
+
+def test_the_operators_rtl_reaches_a_vehicle_whose_agent_is_silent(world, autopilot):
+    vehicle = autopilot(2)
+    world.vehicles = [vehicle, autopilot(1)]
+    world.run(10.0)
+    del world.agents[2]
+    world.run(4.0)
+    world.run(0.5, Command("id-1", "op", 0, CommandName.LAND))
+    modes = world.commands(mavlink.MAV_CMD_DO_SET_MODE)
+    assert [(m.target_system, m.param2) for _, m in modes] == [(2, 9.0)]
+    assert outcomes(world) == {}
+    vehicle.mode = 9
+    world.run(1.0)
+    answer = outcomes(world)[2]
+    assert (answer.command, answer.result) == ("id-1", Result.ACCEPTED)
+    assert "agent is silent" in answer.reason
+    assert set(outcomes(world)) == {2}, "live agents answer for themselves"
+    count = len(world.told(topics.OUTCOME))
+    world.run(0.5, Command("id-1", "op", 0, CommandName.LAND))
+    assert len(world.told(topics.OUTCOME)) == count + 1, "asked again, answered again"
+
+
+def test_an_autopilot_that_does_not_obey_is_told_as_such(world, autopilot):
+    world.vehicles = [autopilot(2)]
+    world.run(10.0)
+    del world.agents[2]
+    world.run(4.0)
+    world.run(5.0, Command("id-1", "op", 2, CommandName.RTL))
+    assert outcomes(world)[2].result is Result.REFUSED
+
+
+def test_a_command_to_all_leaves_a_pilots_vehicle_alone_and_one_by_name_does_not(world, autopilot):
+    vehicle = autopilot(2)
+    vehicle.mode = 5
+    world.vehicles = [vehicle]
+    world.agents[2] = {"phase": Phase.PILOT, "mode": "LOITER"}
+    world.run(10.0)
+    del world.agents[2]
+    world.run(4.0)
+    world.run(1.0, Command("id-1", "op", 0, CommandName.RTL))
+    assert outcomes(world)[2].result is Result.REFUSED
+    assert "--drone 2" in outcomes(world)[2].reason
+    assert world.commands(mavlink.MAV_CMD_DO_SET_MODE) == []
+    world.run(1.0, Command("id-2", "op", 2, CommandName.RTL))
+    assert world.commands(mavlink.MAV_CMD_DO_SET_MODE)[0][1].param2 == 6.0
+
+
+def test_a_silent_drone_on_the_ground_is_said_to_be_there(world, autopilot):
+    vehicle = autopilot(2)
+    vehicle.armed = False
+    world.vehicles = [vehicle]
+    world.agents[2] = {"phase": Phase.LANDED, "armed": False, "airborne": False}
+    world.run(10.0)
+    del world.agents[2]
+    world.run(4.0)
+    world.run(1.0, Command("id-1", "op", 0, CommandName.RTL))
+    assert "disarmed" in outcomes(world)[2].reason
+
+
+def test_start_is_for_agents_only(world, autopilot):
+    world.vehicles = [autopilot(2)]
+    world.run(10.0)
+    del world.agents[2]
+    world.run(4.0)
+    world.run(5.0, Command("id-1", "op", 0, CommandName.START))
+    assert outcomes(world) == {}
+
+
+def test_status_texts_of_orphans_are_passed_on(world, autopilot):
+    vehicle = autopilot(2)
+    world.vehicles = [vehicle]
+    world.run(10.0)
+    del world.agents[2]
+    world.run(4.0)
+    text = mavlink.MAVLink_statustext_message(2, b"Battery failsafe")
+    outputs = world.station.step(world.now_s + 0.2, [], [vehicle.frame(text)])
+    events = [m for t, m in outputs.publish if t is topics.EVENT]
+    assert ("statustext", "Battery failsafe") in [(e.code, e.text) for e in events]
+    assert any(entry.topic == "/statustext/2" for entry in outputs.timeline)

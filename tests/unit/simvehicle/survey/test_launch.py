@@ -1,0 +1,83 @@
+"""What is written for the parts of a survey can be read by them."""
+
+from __future__ import annotations
+
+import datetime
+import pathlib
+import socket
+import subprocess
+import sys
+
+import pytest
+
+from flightstack.config_file import load as load_drone
+from gcs.station_config import load as load_ground
+from mission.documents.yaml_file import DocumentError, parse
+from simvehicle.fleet.fleet_config import FleetConfig
+from simvehicle.survey import launch
+from simvehicle.survey.ports import free_ports
+from simvehicle.survey.survey_file import load
+
+EXAMPLES = pathlib.Path(__file__).parents[4] / "examples"
+NOW = datetime.datetime(2026, 5, 4, 3, 2, 1, tzinfo=datetime.UTC)
+
+
+def test_free_ports_differ() -> None:
+    ports = free_ports(socket.SOCK_DGRAM, 50)
+    assert len(set(ports)) == 50
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere nothing reserves a port")
+def test_no_other_process_gets_a_port_before_it_is_opened() -> None:
+    program = "import socket; from simvehicle.survey.ports import free_ports; print(*free_ports(socket.SOCK_DGRAM, 300))"
+    own = free_ports(socket.SOCK_STREAM, 300)
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    others = [int(word) for word in done.stdout.split()]
+    assert len(set(others)) == 300
+    assert not set(own) & set(others)
+    assert max(*own, *others) < 32_768, "the operating system gives those from 32768 to whoever asks"
+
+
+def test_every_part_can_read_its_file(tmp_path: pathlib.Path) -> None:
+    survey = load(EXAMPLES / "survey.yaml")
+    plan = launch.plan(survey, tmp_path)
+    fleet = parse((tmp_path / "fleet.yaml").read_text(encoding="utf-8"), FleetConfig, "fleet.yaml")
+    assert fleet == plan.fleet
+    ground = load_ground(tmp_path / "ground.yaml")
+    assert ground.speedup == survey.config.speedup
+    assert ground.geofence == survey.geofence
+    for vehicle, spec in zip(fleet.vehicles, plan.drones, strict=True):
+        drone = load_drone(tmp_path / f"drone-{spec.drone}.yaml")
+        assert drone == spec
+        assert drone.geofence == survey.geofence
+        companion, to_ground = vehicle.links
+        assert companion.replace("udpout", "udpin") == drone.autopilot.link
+        assert to_ground.replace("udpout", "udpin") == ground.mavlink.links[0]
+        assert [f"socket://{i.port}" for i in vehicle.instruments] == [i.port for i in drone.instruments]
+        assert ground.swarm.listen[0] in drone.swarm.connect
+    links = [link for vehicle in fleet.vehicles for link in vehicle.links[:1]]
+    assert len(set(links)) == len(links)
+
+
+@pytest.mark.parametrize(
+    ("file", "name", "scale"), [("survey.yaml", "RTL_ALT", 100.0), ("survey_px4.yaml", "RTL_RETURN_ALT", 1.0)]
+)
+def test_each_autopilot_returns_in_a_layer_of_its_own(
+    tmp_path: pathlib.Path, file: str, name: str, scale: float
+) -> None:
+    plan = launch.plan(load(EXAMPLES / file), tmp_path)
+    altitudes = [drone.autopilot.parameters[name] / scale for drone in plan.drones]
+    assert altitudes == [15.0, 20.0, 25.0, 30.0, 35.0]
+
+
+def test_each_survey_gets_a_directory_of_its_own(tmp_path: pathlib.Path) -> None:
+    first = launch.make_directory(tmp_path / "out", "crater", NOW)
+    second = launch.make_directory(tmp_path / "out", "crater", NOW)
+    assert first.name == "crater-20260504-030201"
+    assert second.name == "crater-20260504-030201-2"
+
+
+def test_a_directory_that_cannot_be_made(tmp_path: pathlib.Path) -> None:
+    (tmp_path / "out").write_text("a file", encoding="utf-8")
+    with pytest.raises(DocumentError, match="choose another --out"):
+        launch.make_directory(tmp_path / "out", "crater", NOW)

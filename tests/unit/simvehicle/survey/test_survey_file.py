@@ -1,0 +1,211 @@
+"""Every survey that cannot be flown is refused in one line that says where and how to mend it."""
+
+from __future__ import annotations
+
+import json
+import pathlib
+
+import msgspec
+import pytest
+
+from flightstack.config import FormationConfig, LimitsConfig, StrategyConfig
+from mission.documents.yaml_file import DocumentError
+from mission.strategies.locus.strategy import LocusParameters
+from mission.strategies.mobs import MobsParameters
+from simvehicle.fleet.fleet_config import FaultSpec, GaussianPlume, LocusGridPlume, WindConfig
+from simvehicle.survey.survey_file import (
+    LaunchLine,
+    SurveyConfig,
+    SurveyDrone,
+    SurveyFence,
+    load,
+    parse_fault,
+    parse_kill,
+)
+
+EXAMPLES = pathlib.Path(__file__).parents[4] / "examples"
+GOOD = (EXAMPLES / "survey.yaml").read_text(encoding="utf-8")
+
+
+def refused(tmp_path: pathlib.Path, text: str) -> str:
+    path = tmp_path / "survey.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(DocumentError) as caught:
+        load(path)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.startswith(f"{path}:"), "the line names the file"
+    return message.removeprefix(str(path))
+
+
+@pytest.mark.parametrize(("file", "flavour"), [("survey.yaml", "ardupilot"), ("survey_px4.yaml", "px4")])
+def test_the_examples_are_good(file: str, flavour: str) -> None:
+    survey = load(EXAMPLES / file)
+    assert [drone.id for drone in survey.drones] == [1, 2, 3, 4, 5]
+    assert {drone.flavour for drone in survey.drones} == {flavour}
+    assert all(drone.instruments for drone in survey.drones)
+    assert survey.geofence is not None
+    assert survey.warnings == ()
+
+
+def test_the_command_line_wins_over_the_file() -> None:
+    fault = parse_fault("co2-unplug:2@90")
+    survey = load(EXAMPLES / "survey.yaml", speedup=2.0, seed=9, extra_faults=(fault,))
+    assert (survey.config.speedup, survey.config.seed, survey.config.faults) == (2.0, 9, (fault,))
+
+
+def test_a_file_that_is_not_there() -> None:
+    with pytest.raises(DocumentError, match=r"^no/such\.yaml: cannot be read: No such file or directory$"):
+        load("no/such.yaml")
+
+
+def test_a_file_that_is_not_text(tmp_path: pathlib.Path) -> None:
+    (tmp_path / "survey.yaml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(DocumentError, match="not UTF-8"):
+        load(tmp_path / "survey.yaml")
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "expected"),
+    [
+        ("speedup: 5.0", "speedupp: 5.0", ["speedupp", "unknown key"]),
+        ("speedup: 5.0", "speedup: fast", ["speedup", "float"]),
+        ("  spacing_m: 10.0", "  spacing_m: -1", ["formation.spacing_m"]),
+        ("spacing_m: 6.0", "spacing_m: 3.0", ["launch_line", "drones 1 and 2 start 3.0 m apart", "separation_m"]),
+        ("  spacing_m: 10.0", "  spacing_m: 3.5", ["formation", "must stay 4 m apart"]),
+        ("radio_range_m: 60.0", "radio_range_m: 8.0", ["formation", "radio"]),
+        ("above_home_m: 10.0\n\n", "above_home_m: 70.0\n\n", ["formation.above_home_m", "ceiling"]),
+        ("above_home_m: 10.0\n\n", "above_home_m: 5.0\n\n", ["formation.above_home_m", "heir"]),
+        ("ceiling_above_home_m: 60.0", "ceiling_above_home_m: 30.0", ["formation.layer_gap_m", "highest of 5"]),
+        ("above_home_m: 10.0\n\n", "above_home_m: 10.0\n  layer_gap_m: 2.0\n\n", ["formation.layer_gap_m"]),
+        ("[38.405081, 14.965175]", "[38.4020, 14.9600]", ["geofence", "cross"]),
+        ("  towards_deg: 50.0", "  north_m: 400.0", ["launch_line", "outside the geofence"]),
+        ("name: locus", "name: lotus", ["strategy", "lotus"]),
+        ("parameters: {step_m", "parameters: {stepp_m", ["strategy", "stepp_m"]),
+        ("seed: 1", "seed: 1\nfaults: [{drone: 9, at_s: 5, kind: motor}]", ["faults[0].drone", "no drone 9"]),
+        (
+            "seed: 1",
+            "seed: 1\nfaults: [{drone: 1, at_s: 5, kind: unplug, instrument: c02}]",
+            ["faults[0].instrument", "c02"],
+        ),
+        ("seed: 1", "seed: 1\ninstruments: [{name: co2, type: sba6}]", ["instruments[0].type", "sba5"]),
+        ("seed: 1", "seed: 1\ninstruments: [{name: a, type: sba5}, {name: a, type: sba5}]", ["instruments[1].name"]),
+        ("launch_line:", "drones: [{id: 1}]\nlaunch_line:", ["drones", "one of them"]),
+        ("type: gaussian", "type: gausian", ["plume.type: ", "'gausian'; write gaussian or locus-grid"]),
+        ("flavour: ardupilot", "flavour: px5", ["launch_line.flavour: ", "'px5'; write ardupilot or px4"]),
+        ("seed: 1", "seed: 1\nfaults: [{kind: fire}]", ["faults[0].kind: ", "battery_low or gps_loss or motor or"]),
+        ("gust_time_s: 5.0", "gust_time_s: 0.001", ["wind.gust_time_s", ">= 0.1"]),
+        ("vent_sd_m: 4.0", "vent_sd_m: 0.1", ["plume.vent_sd_m", "more than pure CO2"]),
+        ("source_above_home_m: 10.0", "source_above_home_m: -1.0", ["plume.source_above_home_m"]),
+        ("geofence:", "geofence:\n  file: none.plan", ["geofence.file", "not both"]),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_flown(tmp_path: pathlib.Path, before: str, after: str, expected: list[str]) -> None:
+    assert before in GOOD
+    message = refused(tmp_path, GOOD.replace(before, after, 1))
+    for part in expected:
+        assert part in message
+    assert message[1].isdigit(), f"the line number is missing: {message}"
+
+
+def test_two_drones_with_one_id(tmp_path: pathlib.Path) -> None:
+    head, _, rest = GOOD.partition("launch_line:")
+    drones = "drones:\n- {id: 1}\n- {id: 2, home_north_m: 10}\n- {id: 1, home_north_m: 20}\n"
+    message = refused(tmp_path, head + drones + rest[rest.index("formation:") :])
+    assert message.startswith(":12: drones[2].id: drones[0] has the id 1 too")
+
+
+def test_a_parameter_that_the_flavour_does_not_have(tmp_path: pathlib.Path) -> None:
+    head, _, rest = GOOD.partition("launch_line:")
+    drones = "drones:\n- {id: 1}\n- {id: 2, home_north_m: 10, parameters: {RTL_RETURN_ALT: 20}}\n"
+    message = refused(tmp_path, head + drones + rest[rest.index("formation:") :])
+    assert message.startswith(
+        ":11: drones[1].parameters: parameters.RTL_RETURN_ALT: the simulated ardupilot has no"
+    )
+
+
+def test_a_source_outside_the_fence_is_only_warned_of(tmp_path: pathlib.Path) -> None:
+    path = tmp_path / "survey.yaml"
+    path.write_text(GOOD.replace("source_north_m: 30.0", "source_north_m: 900.0"), encoding="utf-8")
+    (warning,) = load(path).warnings
+    assert "outside the geofence" in warning
+
+
+def test_the_fence_of_a_plan_file(tmp_path: pathlib.Path) -> None:
+    polygon = [[38.4060, 14.9600], [38.4060, 14.9660], [38.4020, 14.9660], [38.4020, 14.9600]]
+    plan = {
+        "fileType": "Plan",
+        "version": 1,
+        "groundStation": "QGroundControl",
+        "geoFence": {
+            "circles": [],
+            "polygons": [{"inclusion": True, "polygon": polygon, "version": 1}],
+            "version": 2,
+        },
+        "mission": {
+            "cruiseSpeed": 5,
+            "firmwareType": 3,
+            "hoverSpeed": 5,
+            "items": [],
+            "plannedHomePosition": [38.404, 14.963, 300],
+            "vehicleType": 2,
+            "version": 2,
+        },
+        "rallyPoints": {"points": [], "version": 2},
+    }
+    (tmp_path / "crater.plan").write_text(json.dumps(plan), encoding="utf-8")
+    start, end = GOOD.index("geofence:"), GOOD.index("strategy:")
+    path = tmp_path / "survey.yaml"
+    path.write_text(f"{GOOD[:start]}geofence: {{file: crater.plan}}\n{GOOD[end:]}", encoding="utf-8")
+    fence = load(path).geofence
+    assert fence is not None
+    assert len(fence.inclusion[0]) == 4
+    (tmp_path / "crater.plan").unlink()
+    with pytest.raises(DocumentError, match=r"crater\.plan: cannot be read"):
+        load(path)
+
+
+def test_faults_from_the_command_line() -> None:
+    unplug = parse_fault("co2-unplug:2@90")
+    assert (unplug.kind, unplug.instrument, unplug.drone, unplug.at_s) == ("unplug", "co2", 2, 90.0)
+    loss = parse_fault("gps-loss:3@60-75.5")
+    assert (loss.kind, loss.drone, loss.at_s, loss.until_s) == ("gps_loss", 3, 60.0, 75.5)
+    assert parse_fault("battery-low:1@5").kind == "battery_low"
+
+
+@pytest.mark.parametrize("text", ["", "unplug:2@90", "co2-motor:2@90", "motor:2", "motor:x@1", "fire:1@1"])
+def test_faults_that_mean_nothing(text: str) -> None:
+    with pytest.raises(DocumentError, match="--fault"):
+        parse_fault(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("motor:9@1", r"there is no drone 9, but \[1, 2, 3, 4, 5\]"),
+        ("wind-unplug:2@1", "no instrument called 'wind', but \\['co2'\\]"),
+        ("gps-loss:3@75-60", "it breaks at 75 s, so it cannot mend at 60 s"),
+    ],
+)
+def test_faults_that_do_not_fit_the_survey_are_named_as_they_were_given(text: str, problem: str) -> None:
+    with pytest.raises(DocumentError, match=rf"^--fault {text}: .*{problem}"):
+        load(EXAMPLES / "survey.yaml", extra_faults=(parse_fault(text),))
+
+
+def test_kills_from_the_command_line() -> None:
+    kill = parse_kill("3@60")
+    assert (kill.drone, kill.at_s) == (3, 60.0)
+    with pytest.raises(DocumentError, match="DRONE@SECONDS"):
+        parse_kill("3")
+
+
+@pytest.mark.parametrize(
+    "section",
+    [
+        SurveyConfig, SurveyDrone, LaunchLine, SurveyFence, WindConfig, GaussianPlume, LocusGridPlume, FaultSpec,
+        FormationConfig, LimitsConfig, StrategyConfig, LocusParameters, MobsParameters,
+    ],
+)  # fmt: skip
+def test_every_key_is_explained(section: type[msgspec.Struct]) -> None:
+    page = (EXAMPLES.parent / "docs" / "simulate.md").read_text(encoding="utf-8")
+    assert [name for name in section.__struct_fields__ if f"`{name}`" not in page] == []

@@ -1,0 +1,295 @@
+"""The slow, plain engine of the trials: every drone, every tick, one after another. The yardstick of the fast one.
+
+It knows nothing of closed forms, rectangles or geometric distributions. Its decisions are the rules of `mission`,
+called as plain Python. It can be given the fast engine's own luck, tick by tick the same trial, or luck of its
+own, drawn afresh at every tick as the paper words it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+from collections.abc import Callable, Iterable
+
+import numpy as np
+
+from mission.geometry.formation import rotated
+from mission.strategies.locus.gradient import plane_gradient, waypoint_uphill
+from mission.strategies.locus.spiral import arm_spacing_m, spiral_point
+from mission.strategies.mobs import STATE_SIZE, mobs_begin, mobs_next
+from mission.tree.balanced_tree import next_heal, next_rebalance
+from simvehicle.trials import randomness as luck
+from simvehicle.trials.cell import Cell
+from simvehicle.world.gas import LOCUS_CELL_M, LOCUS_WIDTH_M, locus_grid
+
+STEP, P, D, CLAMP = 0.00625, 20.0, 10.0, 1000.0
+INSIDE_M = 0.1
+
+
+def authors_places(count: int) -> list[tuple[float, float]]:
+    """Origin of the plume in the authors' trials with seeds 0, 1, ... at an arena radius of 100 m.
+
+    Their program draws it in decimetres from the C library's rand(): GNU's additive feedback generator, which is the
+    same on every machine.
+    """
+    found = []
+    for seed in range(count):
+        state = [seed or 1]
+        for _ in range(30):
+            state.append(16807 * state[-1] % (2**31 - 1))
+        state += state[:3]
+        for _ in range(310):
+            state.append((state[-31] + state[-3]) % 2**32)
+        while True:
+            drawn = []
+            for _ in range(2):
+                state.append((state[-31] + state[-3]) % 2**32)
+                drawn.append(1000 - (state[-1] >> 1) % 2000)
+            if math.hypot(*drawn) <= 1000.0:
+                break
+        found.append((drawn[0] / 10.0, drawn[1] / 10.0))
+    return found
+
+
+class TrialOver(Exception):  # noqa: N818 (not an error)
+    """The trial has ended."""
+
+
+@dataclasses.dataclass
+class Axis:
+    x: float
+    v: float = 0.0
+    a: float = 0.0
+    before: float = 0.0
+    target: float = 0.0
+
+    def tick(self) -> None:
+        self.x += self.v * STEP
+        self.v += self.a * STEP
+        error = self.target - self.x
+        self.a = min(max(P * error + D * (error - self.before) / STEP, -CLAMP), CLAMP)
+        self.before = error
+
+
+class SharedLuck:
+    """The fast engine's luck: its streams, its ticks of failure, its chances of survival."""
+
+    def __init__(self, cell: Cell, seed: int, trial: int) -> None:
+        self._cell, self._seed, self._trial = cell, seed, trial
+        self._survival = np.ones(cell.drones)
+        generic = cell.failure_rate if cell.failure == "generic" else 0.0
+        self._fails = [
+            luck.geometric_tick(self.draws(luck.GENERIC + i)(), generic) for i in range(cell.drones)
+        ]
+        self._limits = [luck.survival_limit(self.draws(luck.IN_PLUME + i)()) for i in range(cell.drones)]
+
+    def draws(self, kind: int) -> Callable[[], float]:
+        stream = np.zeros(1, np.uint64)
+        luck.open_stream(stream, self._seed, self._trial, kind)
+        return lambda: float(luck.uniform(stream))
+
+    def fails(self, drone: int, tick: int, value: float) -> bool:
+        if tick >= self._fails[drone]:
+            return True
+        if self._cell.failure == "in-plume" and value > 0.0:
+            chance = min(self._cell.failure_rate * value, 1.0)
+            self._survival[drone] *= (1.0 - chance) ** self._cell.in_plume_draws
+        return bool(self._survival[drone] < self._limits[drone])
+
+
+class OwnLuck:
+    """Luck drawn from NumPy, failures anew at every tick."""
+
+    def __init__(self, cell: Cell, seed: int, trial: int) -> None:
+        self._cell = cell
+        self._rng = np.random.default_rng([seed, trial])
+
+    def draws(self, kind: int) -> Callable[[], float]:
+        return lambda: float(self._rng.random())
+
+    def fails(self, drone: int, tick: int, value: float) -> bool:
+        if self._cell.failure == "generic":
+            return bool(self._rng.random() < self._cell.failure_rate)
+        if self._cell.failure == "in-plume" and value > 0.0:
+            chance = self._cell.failure_rate * value
+            return any(self._rng.random() < chance for _ in range(self._cell.in_plume_draws))
+        return False
+
+
+class Trial:
+    """One trial of LoCUS or MoBS with motion `pd`; run it with `run`."""
+
+    def __init__(self, cell: Cell, chance: SharedLuck | OwnLuck) -> None:
+        self.cell = cell
+        self.luck = chance
+        self.tick = 0
+        self.contact: int | None = None
+        self.success: int | None = None
+        self.heals = self.moves = 0
+        self.grid = locus_grid(cell.plume == "perturbed")
+        world = chance.draws(luck.WORLD)
+        while True:
+            north, east = (cell.arena_m * (2.0 * world() - 1.0) for _ in range(2))
+            if math.hypot(north, east) <= cell.arena_m:
+                break
+        self.origin = (north, east)
+        row, column = np.unravel_index(int(np.argmax(self.grid)), self.grid.shape)
+        self.source = (
+            north + (float(row) + 0.5) * LOCUS_CELL_M,
+            east + (float(column) + 0.5) * LOCUS_CELL_M - LOCUS_WIDTH_M / 2.0,
+        )
+        self.places: list[tuple[Axis, Axis]] = []
+        for i in range(cell.drones):
+            start = chance.draws(luck.START + i)
+            self.places.append((Axis(8.0 * (2.0 * start() - 1.0)), Axis(8.0 * (2.0 * start() - 1.0))))
+        self.alive = [True] * cell.drones
+
+    def read(self, drone: int) -> float:
+        north, east = self.places[drone]
+        row = math.floor((north.x - self.origin[0]) / LOCUS_CELL_M)
+        column = math.floor((east.x - self.origin[1] + LOCUS_WIDTH_M / 2.0) / LOCUS_CELL_M)
+        if 0 <= row < self.grid.shape[0] and 0 <= column < self.grid.shape[1]:
+            return float(self.grid[row, column])
+        return 0.0
+
+    def aim(self, drone: int, north: float, east: float) -> None:
+        most = 1.5 * self.cell.arena_m
+        for axis, target in zip(self.places[drone], (north, east), strict=True):
+            axis.target = min(max(target, -most), most)
+
+    def inside(self, drone: int) -> bool:
+        return all(abs(axis.target - axis.x) < INSIDE_M for axis in self.places[drone])
+
+    def one_tick(self) -> None:
+        self.tick += 1
+        for drone, (north, east) in enumerate(self.places):
+            if not self.alive[drone]:
+                continue
+            north.tick()
+            east.tick()
+            value = self.read(drone)
+            if self.luck.fails(drone, self.tick, value):
+                self.alive[drone] = False
+                continue
+            if value > 0.0 and self.contact is None:
+                self.contact = self.tick
+            if math.dist((north.x, east.x), self.source) < self.cell.success_m:
+                self.success = self.tick
+        if self.success is not None or self.tick >= self.cell.limit_ticks or not any(self.alive):
+            raise TrialOver
+
+    def fly(self, required: Iterable[int], hold: int = 0) -> None:
+        """Until all required drones that live are inside; or for `hold` ticks."""
+        required = [drone for drone in required if self.alive[drone]]
+        if hold:
+            for _ in range(hold):
+                self.one_tick()
+            return
+        if not required:
+            raise TrialOver
+        while True:
+            self.one_tick()
+            if all(self.inside(drone) for drone in required if self.alive[drone]):
+                return
+
+    def run(self) -> Trial:
+        with contextlib.suppress(TrialOver):
+            self.mobs() if self.cell.strategy == "mobs" else self.locus()
+        return self
+
+    def mobs(self) -> None:
+        cell = self.cell
+        states, draws = [], []
+        for drone in range(cell.drones):
+            draws.append(self.luck.draws(luck.OWN + drone))
+            states.append(np.zeros(STATE_SIZE))
+            mobs_begin(states[drone], 2.0 * math.pi * draws[drone]())
+            self.aim(drone, 0.0, 0.0)
+        while True:
+            self.one_tick()
+            for drone, (north, east) in enumerate(self.places):
+                if self.alive[drone] and self.inside(drone):
+                    value = self.read(drone)
+                    target = mobs_next(
+                        states[drone], north.x, east.x, value, cell.arena_m, 1.0, draws[drone]()
+                    )
+                    self.aim(drone, *target)
+
+    def locus(self) -> None:  # noqa: C901 (the whole algorithm on one page)
+        cell = self.cell
+        draws = self.luck.draws(luck.DECISIONS)
+        layout = cell.formation()
+        table = layout.table(cell.drones)
+        arms_m = arm_spacing_m(layout.full_levels(cell.drones), cell.r_max_m)
+        holder = np.arange(cell.drones)
+        members = list(range(cell.drones))
+        window: list[tuple[float, float, float]] = []
+        draws()  # the fast engine's bearing for spokes, which this strategy does not fly
+        turn = math.pi * draws()
+        anchor, index = (0.0, 0.0), 0
+        climb = Axis(0.0, target=cell.r_min_m)
+        climb_ticks = 0
+        while climb_ticks == 0 or abs(climb.target - climb.x) >= INSIDE_M:
+            climb.tick()
+            climb_ticks += 1
+
+        def aim(drone: int, slot: int) -> None:
+            north, east = rotated(layout.offset_m(slot), turn)
+            self.aim(drone, anchor[0] + north, anchor[1] + east)
+
+        def heal() -> None:
+            lost = False
+            while True:
+                for slot, drone in enumerate(holder):
+                    if drone >= 0 and not self.alive[drone]:
+                        holder[slot], lost = -1, True
+                below = np.zeros_like(holder)
+                source, target = next_heal(holder, table.parent, table.child_start, table.child, below)
+                if target < 0:
+                    source, target = next_rebalance(holder, table.level)
+                if target < 0:
+                    break
+                heir = int(holder[source])
+                self.fly([heir], climb_ticks)
+                if self.alive[heir]:
+                    aim(heir, target)
+                    self.fly([heir])
+                if self.alive[heir]:
+                    self.fly([heir], climb_ticks)
+                if self.alive[heir]:
+                    holder[target], holder[source] = heir, -1
+                    self.moves += 1
+            self.heals += lost
+
+        while True:
+            for slot, drone in enumerate(holder):
+                if drone >= 0 and drone in members:
+                    aim(int(drone), slot)
+            self.fly(members)
+            if cell.healing:
+                heal()
+                members = [int(drone) for drone in holder if drone >= 0]
+            else:
+                reached: list[int] = []
+                for slot in range(cell.drones):
+                    if self.alive[slot] and (slot == 0 or table.parent[slot] in reached):
+                        reached.append(slot)
+                members = reached
+            if not members:
+                raise TrialOver
+            window = window[-len(members) :]
+            for drone in (int(d) for d in holder if d >= 0 and d in members):
+                north, east = self.places[drone]
+                window.append((north.x, east.x, self.read(drone)))
+            norths, easts, values = (np.array(column) for column in zip(*window, strict=True))
+            slope = plane_gradient(norths, easts, values, np.ones(len(window)), len(window), 1e-6)
+            jitter = [cell.jitter_m * (2.0 * draws() - 1.0) for _ in range(2)]
+            more = cell.turn_rad * draws()
+            uphill, north, east = waypoint_uphill(slope[0], slope[1], *anchor, cell.step_m, *jitter)
+            if uphill:
+                turn += more
+            else:
+                index += 1
+                north, east = spiral_point(index, arms_m, False)
+            anchor = (north, east)
