@@ -24,7 +24,7 @@ from simvehicle.autopilot.maneuvers import Follow, HoldPosition, Idle, Land, Man
 from simvehicle.autopilot.mission_run import NAMES, MissionRun, Told
 from simvehicle.autopilot.missions import FENCE, MISSION, RALLY, StoredItem
 from simvehicle.autopilot.setpoints import motion_of
-from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec
+from simvehicle.drone.drone_spec import VehicleSpec
 from simvehicle.vehicle.controller import Limits
 from simvehicle.vehicle.dynamics import Battery
 from simvehicle.world.air import World
@@ -47,9 +47,9 @@ class ArduPilot(Autopilot):
 
     _speed_mps: float | None = None
 
-    def __init__(self, spec: VehicleSpec, fleet: FleetConfig, world: World, seed: int) -> None:
+    def __init__(self, spec: VehicleSpec, ready_after_s: float, world: World, seed: int) -> None:
         self.mode = ArduPilotMode.STABILIZE
-        super().__init__(spec, fleet, world, seed)
+        super().__init__(spec, ready_after_s, world, seed)
         self.safety = ArduPilotSafety(self)
         self._override_s: float | None = None
         self.mission_started = False

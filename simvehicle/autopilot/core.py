@@ -23,7 +23,7 @@ from simvehicle.autopilot.maneuvers import Idle, Land, Maneuver, Navigation, Ret
 from simvehicle.autopilot.mission_run import ACTIONS, NAVIGATION, MissionRun, Surroundings, Told
 from simvehicle.autopilot.missions import FENCE, MISSION, RALLY, ListRules, MissionServer, StoredItem
 from simvehicle.autopilot.parameters import Parameters, ParameterServer
-from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec
+from simvehicle.drone.drone_spec import VehicleSpec
 from simvehicle.vehicle.controller import Motion, PositionController
 from simvehicle.vehicle.dynamics import GRAVITY_MPS2, Multirotor
 from simvehicle.vehicle.estimator import Estimator
@@ -55,10 +55,10 @@ _LANDED_AFTER_S = 1.7
 class Autopilot(Personality):
     """What both flavours have in common."""
 
-    def __init__(self, spec: VehicleSpec, fleet: FleetConfig, world: World, seed: int) -> None:
+    def __init__(self, spec: VehicleSpec, ready_after_s: float, world: World, seed: int) -> None:
         self.system = spec.id
         self.world = world
-        self.ready_after_s = fleet.ready_after_s
+        self.ready_after_s = ready_after_s
         rng = np.random.default_rng([seed & 0xFFFFFFFF, spec.id, 0xA0])
         self.parameters = Parameters(self.flavour, spec.parameters)
         self.parameters.set(self.system_parameter, float(spec.id))

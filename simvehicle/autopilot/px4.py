@@ -22,7 +22,7 @@ from simvehicle.autopilot.px4_commands import COMMANDS
 from simvehicle.autopilot.px4_modes import NEED_POSITION, STICKS, Px4Mode
 from simvehicle.autopilot.px4_safety import Px4Safety
 from simvehicle.autopilot.setpoints import motion_of
-from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec
+from simvehicle.drone.drone_spec import VehicleSpec
 from simvehicle.vehicle.controller import Limits, Motion
 from simvehicle.vehicle.dynamics import Battery
 from simvehicle.world.air import World
@@ -55,9 +55,9 @@ class Px4(Autopilot):
 
     _speed_mps: float | None = None
 
-    def __init__(self, spec: VehicleSpec, fleet: FleetConfig, world: World, seed: int) -> None:
+    def __init__(self, spec: VehicleSpec, ready_after_s: float, world: World, seed: int) -> None:
         self.mode = Px4Mode.HOLD
-        super().__init__(spec, fleet, world, seed)
+        super().__init__(spec, ready_after_s, world, seed)
         self.safety = Px4Safety(self)
         self.offboard_motion: Motion | None = None
         self.offboard_s = -math.inf

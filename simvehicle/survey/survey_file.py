@@ -32,13 +32,8 @@ from mission.geometry.frames import Geodetic, LocalFrame, wind_from
 from mission.geometry.geofence import Circle, Geofence, LocalFence, Vertex
 from sensors.instruments.sensor_error import SensorError
 from simvehicle.autopilot.parameters import Parameters, UnknownParameterError
-from simvehicle.fleet.fleet_config import (
-    FARTHEST_HOME_M,
-    FaultSpec,
-    GaussianPlume,
-    LocusGridPlume,
-    WindConfig,
-)
+from simvehicle.faults.fault_table import FAULTS, FaultSpec
+from simvehicle.fleet.fleet_config import FARTHEST_HOME_M, GaussianPlume, LocusGridPlume, WindConfig
 from simvehicle.instruments import make_emulator
 from simvehicle.world.gas import make_plume
 
@@ -379,7 +374,7 @@ def _fault_problems(fault: FaultSpec, drones: Mapping[int, SurveyDrone]) -> Iter
         yield "drone", f"there is no drone {fault.drone}, but {list(drones)}"
         return
     names = [i.name for i in drones[fault.drone].instruments or ()]
-    if fault.kind == "unplug" and fault.instrument not in names:
+    if FAULTS[fault.kind].needs_instrument and fault.instrument not in names:
         yield (
             "instrument",
             f"drone {fault.drone} carries no instrument called {fault.instrument!r}, but {names}",

@@ -10,7 +10,8 @@ import threading
 import time
 
 from mission.geometry.frames import Geodetic
-from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec, WindConfig
+from simvehicle.drone.drone_spec import VehicleSpec
+from simvehicle.fleet.fleet_config import FleetConfig, WindConfig
 from simvehicle.fleet.process import Fleet
 
 PERIOD_WALL_S = 0.005

@@ -20,10 +20,11 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from mission.geometry.frames import Geodetic
-from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec
+from simvehicle.drone.drone_spec import VehicleSpec
+from simvehicle.drone.simulated_vehicle import SimulatedVehicle
+from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.fleet.process import Fleet, run
 from simvehicle.survey.ports import free_port
-from simvehicle.vehicle.simulated_vehicle import SimulatedVehicle
 
 pytestmark = [pytest.mark.system, pytest.mark.optional, pytest.mark.timeout(600)]
 
@@ -126,7 +127,7 @@ def vehicle(port: int) -> Iterator[SimulatedVehicle]:
     stop = threading.Event()
     thread = threading.Thread(target=run, args=(fleet, stop))
     thread.start()
-    yield fleet.members[1].vehicle
+    yield fleet.drones.by_id[1].vehicle
     stop.set()
     thread.join()
 

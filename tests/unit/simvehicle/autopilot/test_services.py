@@ -17,6 +17,7 @@ from mission.geometry.frames import Geodetic
 from simvehicle.autopilot.fences import Area, FenceError, areas_of, outside
 from simvehicle.autopilot.missions import StoredItem
 from simvehicle.autopilot.parameters import Parameters, UnknownParameterError
+from simvehicle.drone.instrument_lines import felt_wind_mps
 
 MakeGround = Callable[..., Any]
 FLAVOURS = pytest.mark.parametrize("flavour", ["ardupilot", "px4"])
@@ -144,7 +145,9 @@ def test_telemetry_tells_the_truth(flavour: str, make_ground: MakeGround) -> Non
         vehicle.attitude_quaternion, abs=0.05
     )
     assert ground.of("BATTERY_STATUS")[-1].battery_remaining == round(100 * vehicle.battery_fraction)
-    assert vehicle.wind_body_mps()[0] == pytest.approx(6.0, abs=1.5), "heading north, wind from the south"
+    wind = vehicle.autopilot.world.wind.wind_ned_mps(vehicle.position_ned_m, ground.now_s)
+    felt = felt_wind_mps(wind, vehicle.velocity_ned_mps, vehicle.attitude_rad)
+    assert felt[0] == pytest.approx(6.0, abs=1.5), "heading north, wind from the south"
 
 
 @FLAVOURS

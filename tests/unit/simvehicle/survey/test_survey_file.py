@@ -12,7 +12,8 @@ from flightstack.config import FormationConfig, LimitsConfig, StrategyConfig
 from mission.documents.yaml_file import DocumentError
 from mission.strategies.locus.strategy import LocusParameters
 from mission.strategies.mobs import MobsParameters
-from simvehicle.fleet.fleet_config import FaultSpec, GaussianPlume, LocusGridPlume, WindConfig
+from simvehicle.faults.fault_table import FaultSpec
+from simvehicle.fleet.fleet_config import GaussianPlume, LocusGridPlume, WindConfig
 from simvehicle.survey.survey_file import (
     LaunchLine,
     SurveyConfig,

@@ -7,8 +7,8 @@ from mission.geometry.frames import Vector3
 from simvehicle.autopilot.ardupilot import ArduPilot
 from simvehicle.autopilot.core import Autopilot
 from simvehicle.autopilot.px4 import Px4
-from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec
-from simvehicle.vehicle.dynamics import in_body, quaternion_of
+from simvehicle.drone.drone_spec import VehicleSpec
+from simvehicle.vehicle.dynamics import quaternion_of
 from simvehicle.world.air import World
 
 _FLAVOURS: dict[str, type[Autopilot]] = {"ardupilot": ArduPilot, "px4": Px4}
@@ -24,9 +24,10 @@ class SimulatedVehicle:
     Raises `ValueError` for parameters that the flavour does not have.
     """
 
-    def __init__(self, spec: VehicleSpec, fleet: FleetConfig, world: World, seed: int) -> None:
+    def __init__(self, spec: VehicleSpec, world: World, *, seed: int, ready_after_s: float) -> None:
+        """`ready_after_s`: from power-up until the autopilot lets itself be armed."""
         self.spec = spec
-        self.autopilot = _FLAVOURS[spec.flavour](spec, fleet, world, seed)
+        self.autopilot = _FLAVOURS[spec.flavour](spec, ready_after_s, world, seed)
         self._body = self.autopilot.body
 
     def receive(self, link_index: int, data: bytes) -> None:
@@ -61,12 +62,6 @@ class SimulatedVehicle:
     def attitude_quaternion(self) -> tuple[float, float, float, float]:
         """Body to NED, w first."""
         return quaternion_of(self._body.attitude_rad)
-
-    def wind_body_mps(self) -> Vector3:
-        """The air's velocity relative to the vehicle, body frame (forward, right, down): what an anemometer feels."""
-        wind, velocity = self.autopilot.wind_ned_mps, self._body.velocity
-        relative = (wind[0] - velocity[0], wind[1] - velocity[1], wind[2] - velocity[2])
-        return in_body(relative, self._body.attitude_rad)
 
     @property
     def airborne(self) -> bool:
