@@ -77,7 +77,7 @@ class Drone:
         return DroneBytes(tuple(self.vehicle.drain()), tuple(self.lines.drain().items()))
 
 
-class Drones:
+class SimulatedDrones:
     """`step` powers all drones up when called first and then advances them together, by id."""
 
     def __init__(self, drones: Iterable[Drone], world: World, faults: Iterable[FaultSpec] = ()) -> None:

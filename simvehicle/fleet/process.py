@@ -15,7 +15,7 @@ from types import FrameType
 from flightstack.recording.shared_clock import Cells
 from mission.documents.yaml_file import DocumentError
 from simvehicle.drone.drone_spec import VehicleSpec
-from simvehicle.drone.drones import Drone, Drones
+from simvehicle.drone.drones import Drone, SimulatedDrones
 from simvehicle.drone.simulated_vehicle import SimulatedVehicle
 from simvehicle.fleet.fleet_clock import FleetClock
 from simvehicle.fleet.fleet_config import FleetConfig
@@ -42,7 +42,7 @@ class Fleet:
             raise problem
         self.config = config
         self.world = make_world(config)
-        self.drones = Drones(
+        self.drones = SimulatedDrones(
             [self._drone(spec, f"vehicles[{index}]") for index, spec in enumerate(config.vehicles)],
             self.world,
             config.faults,

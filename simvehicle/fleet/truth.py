@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission.geometry.frames import Vector3
-from simvehicle.drone.drones import Drones
+from simvehicle.drone.drones import SimulatedDrones
 
 Floats = NDArray[np.float64]
 
@@ -79,7 +79,7 @@ class TruthWriter:
         self._due_s = 0.0
         self._flush_due_s = 1.0
 
-    def step(self, now_s: float, drones: Drones) -> None:
+    def step(self, now_s: float, drones: SimulatedDrones) -> None:
         if now_s < self._due_s:
             return
         self._due_s = max(self._due_s + STEP_S, now_s)

@@ -127,7 +127,9 @@ class ReportedVehicle:
         self._set_parameter("SIM_BATT_VOLTAGE", _WEAK_BATTERY_V)
 
     def set_motors(self, working: bool) -> None:
-        raise UnreachableFaultError(f"motors to be working: {working}; not every ArduCopter can simulate that")
+        raise UnreachableFaultError(
+            f"motors to be working: {working}; not every ArduCopter can simulate that"
+        )
 
     def set_silent(self, silent: bool) -> None:
         raise UnreachableFaultError(f"links to be silent: {silent}; the vehicle's own do not go through us")

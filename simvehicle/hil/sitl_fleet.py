@@ -25,7 +25,7 @@ import msgspec
 from flightstack.recording.shared_clock import Cells
 from mission.documents.yaml_file import DocumentError, parse, read_text
 from simvehicle.drone.drone_spec import VehicleSpec
-from simvehicle.drone.drones import Drone, Drones
+from simvehicle.drone.drones import Drone, SimulatedDrones
 from simvehicle.fleet.fleet_clock import FleetClock
 from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.fleet.fleet_problems import FleetError, problems
@@ -87,7 +87,7 @@ class SitlFleet:
         self._vehicles = {
             spec.id: ReportedVehicle(spec.id, world.frame, spec.home_ned_m) for spec in config.vehicles
         }
-        self.drones = Drones(
+        self.drones = SimulatedDrones(
             [Drone(_watched(spec), self._vehicles[spec.id], config.seed) for spec in config.vehicles],
             world,
             config.faults,

@@ -28,8 +28,7 @@ from flightstack.swarm.wire import (
 )
 from flightstack.transport.memory import MemoryRadio, MemoryTransport
 from mission.geometry.frames import Vector3
-from simvehicle.drone.drones import NOTHING, Drone, DroneBytes, Drones
-from simvehicle.drone.flown_vehicle import FlownVehicle
+from simvehicle.drone.drones import NOTHING, Drone, DroneBytes, SimulatedDrones
 from simvehicle.drone.simulated_vehicle import SimulatedVehicle
 from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.world.configured import make_world
@@ -43,6 +42,7 @@ class Member:
     """One drone: its vehicle with its instruments, its agent and its radio."""
 
     config: DroneConfig
+    vehicle: SimulatedVehicle
     drone: Drone
     agent: Agent
     transport: MemoryTransport
@@ -52,10 +52,6 @@ class Member:
     """What the agent said in its last tick: the vehicle hears it in the next step."""
     open_ports: set[str] = dataclasses.field(default_factory=set)
     """The instruments that the agent knows to be there."""
-
-    @property
-    def vehicle(self) -> FlownVehicle:
-        return self.drone.vehicle
 
 
 class Scenario:
@@ -92,11 +88,12 @@ class Scenario:
             self.radio.place(config.drone, vehicle.position_ned_m)
             self.members[config.drone] = Member(
                 config,
+                vehicle,
                 Drone(spec, vehicle, fleet.seed),
                 Agent(config, incarnation=config.drone),
                 self.radio.join(str(config.drone)),
             )
-        self._drones = Drones((m.drone for m in self.members.values()), self.world, fleet.faults)
+        self._drones = SimulatedDrones((m.drone for m in self.members.values()), self.world, fleet.faults)
 
     # -- what a test does --------------------------------------------------------------------------------------
 

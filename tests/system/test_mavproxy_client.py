@@ -138,7 +138,7 @@ def test_mavproxy_flies_it(
     console = Console(mavproxy, port, tmp_path)
     try:
         # Not by its texts: a slow MAVProxy comes after the last of them.
-        console.until("discovery, parameters", lambda said: "Received" in said and vehicle.autopilot.ready)
+        console.until("discovery, parameters", lambda said: "Received" in said and vehicle.ready)
         _parameters(console, vehicle)
         _lists(console, vehicle, tmp_path)
         _flight(console, vehicle)
@@ -164,7 +164,7 @@ def _lists(console: Console, vehicle: SimulatedVehicle, directory: pathlib.Path)
     ]
     mission.write_text("QGC WPL 110\n" + "".join(row.replace(" ", "\t") + "\n" for row in rows))
     console.type(f"wp load {mission}")
-    console.until("the mission loaded", lambda _: len(vehicle.autopilot.missions.lists[0]) == 4)
+    console.until("the mission loaded", lambda _: len(vehicle.autopilot.lists[0]) == 4)
     console.type("wp list")
     console.until("the mission listed", lambda said: "-5.05980" in said and "12.0" in said)
     fence = directory / "fence.txt"
@@ -172,8 +172,8 @@ def _lists(console: Console, vehicle: SimulatedVehicle, directory: pathlib.Path)
     vertices = [f"{n} 0 3 5001 4 0 0 0 {lat} {lon} 0 1" for n, (lat, lon) in enumerate(corners)]
     fence.write_text("QGC WPL 110\n" + "".join(row.replace(" ", "\t") + "\n" for row in vertices))
     console.type(f"fence load {fence}")
-    console.until("the fence loaded", lambda _: len(vehicle.autopilot.fence) == 1)
-    assert vehicle.autopilot.fence[0].contains(0.0, 0.0)
+    console.until("the fence loaded", lambda _: len(vehicle.autopilot.fence.areas) == 1)
+    assert vehicle.autopilot.fence.areas[0].contains(0.0, 0.0)
 
 
 def _flight(console: Console, vehicle: SimulatedVehicle) -> None:

@@ -118,7 +118,7 @@ class Ground:
 
     def take_off(self, above_m: float = 10.0) -> None:
         """Ready, armed and at a height, in GUIDED or Hold."""
-        self.run_until(lambda: self.vehicle.autopilot.ready)
+        self.run_until(lambda: self.vehicle.ready)
         self.run(1.0)
         if self.vehicle.spec.flavour == "ardupilot":
             assert self.mode(4) == 0

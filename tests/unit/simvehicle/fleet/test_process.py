@@ -131,13 +131,15 @@ def test_faults_come_after_the_takeoff_and_mend(tmp_path: pathlib.Path) -> None:
     flown = Flown(config(faults=faults, truth=str(tmp_path / "truth.csv")))
     try:
         flown.run(1.5)
-        assert flown.vehicle.autopilot.estimator.gps
+        assert flown.vehicle.autopilot.vehicle.estimator.gps
         flown.until_takeoff()
         seen = []
         for _ in range(16):
             flown.run(1.0)
             autopilot = flown.vehicle.autopilot
-            seen.append((autopilot.estimator.gps, autopilot.silent, flown.vehicle.battery_fraction > 0.5))
+            seen.append(
+                (autopilot.vehicle.estimator.gps, autopilot.silent, flown.vehicle.battery_fraction > 0.5)
+            )
         assert seen[:6] == [
             (True, False, True),
             (False, False, True),
