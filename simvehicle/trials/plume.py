@@ -17,8 +17,8 @@ from typing import Literal
 import numpy as np
 
 from mission.geometry.formation import FloatArray
+from simvehicle.compiled import compiled, kernel
 from simvehicle.fleet.fleet_config import GaussianPlume
-from simvehicle.trials.compiled import compiled, kernel
 from simvehicle.world.gas import LOCUS_CELL_M, LOCUS_CUT, LOCUS_WIDTH_M, Gaussian, locus_grid
 
 PlumeName = Literal["locus-grid", "gaussian"]
