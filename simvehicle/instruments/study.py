@@ -19,8 +19,8 @@ from sensors.instruments.registry import make_instrument
 from sensors.instruments.samples import Sample
 from simvehicle.fleet.fleet_config import WindConfig
 from simvehicle.instruments import make_emulator
-from simvehicle.instruments.physics import Air
 from simvehicle.vehicle.dynamics import GRAVITY_MPS2, Multirotor
+from simvehicle.world.air import Air
 from simvehicle.world.wind import GustyWind
 
 Array = npt.NDArray[np.float64]

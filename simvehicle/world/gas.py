@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mission.geometry.frames import Vector3
 from simvehicle.fleet.fleet_config import GaussianPlume, LocusGridPlume
+from simvehicle.world.atmosphere import air_density_kgpm3
 
 Floats = NDArray[np.float64]
 
@@ -24,12 +25,6 @@ _CALM_MPS = 0.5
 """A Gaussian plume has no meaning in calm air; below this wind speed it is computed as for this speed."""
 _NEGLIGIBLE_SD = 6.0
 """Further from the axis than this many standard deviations there is nothing to measure."""
-
-
-def air_density_kgpm3(amsl_m: float) -> float:
-    """Density of the standard atmosphere (ISO 2533, troposphere)."""
-    theta = 1.0 - 0.0065 * amsl_m / 288.15
-    return 1.225 * math.pow(max(theta, 0.1), 4.2559)
 
 
 class Gaussian:

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simvehicle.fleet.fleet_config import GaussianPlume, LocusGridPlume
-from simvehicle.world.gas import CleanAir, Gaussian, LocusGrid, air_density_kgpm3, locus_grid, make_plume
+from simvehicle.world.atmosphere import air_density_kgpm3
+from simvehicle.world.gas import CleanAir, Gaussian, LocusGrid, locus_grid, make_plume
 
 WEST_WIND = (0.0, 3.0, 0.0)
 CONFIG = GaussianPlume(
