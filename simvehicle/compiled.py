@@ -67,7 +67,7 @@ def _source_identity() -> str:
     rules, world = pathlib.Path(str(mission.__file__)).parent, pathlib.Path(__file__).parent
     files = [rules / f"{name}.py" for name in _MISSION]
     files += [world / "trials" / f"{name}.py" for name in _TRIALS]
-    files += [world / "compiled.py", world / "world" / "gas.py"]
+    files += [world / "compiled.py", *sorted((world / "world").glob("*.py"))]
     digest = hashlib.sha256(numba.__version__.encode())
     for path in files:
         digest.update(path.read_bytes())

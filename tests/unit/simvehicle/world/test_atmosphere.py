@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mission.geometry.frames import Geodetic, LocalFrame
-from simvehicle.fleet.fleet_config import WindConfig
 from simvehicle.world.air import World
 from simvehicle.world.atmosphere import air_density_kgpm3, air_pressure_pa, air_temperature_c
-from simvehicle.world.gas import make_plume
+from simvehicle.world.gas import make_gas
 from simvehicle.world.wind import GustyWind
+from simvehicle.world.world_config import WindConfig
 
 
 @pytest.mark.parametrize(
@@ -41,7 +41,7 @@ def test_instruments_get_the_air_of_their_altitude() -> None:
     world = World(
         LocalFrame(Geodetic(14.38, -90.6, 2400.0)),
         GustyWind(WindConfig(), 1),
-        make_plume(None, (0.0, 3.0, 0.0), 2400.0),
+        make_gas(None, (0.0, 3.0, 0.0), 2400.0),
         background_co2_ppm=415.0,
     )
     air = world.air_at((30.0, 40.0, -100.0), 12.0, (1.0, -2.0, 0.5))
