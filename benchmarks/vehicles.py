@@ -16,8 +16,9 @@ from benchmarks import Figures
 from mission.geometry.frames import Geodetic
 from simvehicle.drone.drone_spec import VehicleSpec
 from simvehicle.drone.simulated_vehicle import SimulatedVehicle
-from simvehicle.fleet.fleet_config import FleetConfig, WindConfig
+from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.world.configured import make_world
+from simvehicle.world.world_config import WindConfig
 
 _COMPANION_HZ = {30: 10, 33: 10, 32: 10, 1: 1, 24: 1, 245: 2, 147: 1, 193: 1, 168: 1, 242: 0.5}
 _GROUND_HZ = {33: 2, 30: 2, 1: 1, 245: 1, 242: 0.5}

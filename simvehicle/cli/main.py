@@ -70,7 +70,8 @@ def run(
     from mission.documents.yaml_file import DocumentError, line_of
     from mission.geometry.frames import Geodetic
     from simvehicle.drone.drone_spec import VehicleSpec
-    from simvehicle.fleet.fleet_config import FleetConfig, WindConfig
+    from simvehicle.fleet.fleet_config import FleetConfig
+    from simvehicle.world.world_config import WindConfig
 
     if config is not None:
         fleet_config = _read(config)

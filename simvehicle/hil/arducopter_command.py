@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from mission.geometry.frames import Geodetic
 from simvehicle.drone.drone_spec import VehicleSpec
-from simvehicle.fleet.fleet_config import WindConfig
+from simvehicle.world.world_config import WindConfig
 
 BATTERY_MAH = 20_000.0
 """Three quarters of an hour of hovering. The stock 3300 mAh are three quarters used after five minutes, and the

@@ -16,9 +16,10 @@ import pytest
 from mission.geometry.frames import Geodetic
 from simvehicle.drone.drone_spec import VehicleSpec
 from simvehicle.drone.simulated_vehicle import SimulatedVehicle
-from simvehicle.fleet.fleet_config import FleetConfig, WindConfig
+from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.fleet.process import Fleet, run
 from simvehicle.survey.ports import free_port
+from simvehicle.world.world_config import WindConfig
 
 pytestmark = pytest.mark.system
 mavsdk = pytest.importorskip("mavsdk.asyncio", reason="needs the extra 'ground' (mavsdk)")

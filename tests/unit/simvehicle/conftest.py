@@ -12,8 +12,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from mission.geometry.frames import Geodetic
 from simvehicle.drone.drone_spec import VehicleSpec
 from simvehicle.drone.simulated_vehicle import SimulatedVehicle
-from simvehicle.fleet.fleet_config import FleetConfig, WindConfig
+from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.world.configured import make_world
+from simvehicle.world.world_config import WindConfig
 
 ORIGIN = Geodetic(-5.06, 151.3, 500.0)
 

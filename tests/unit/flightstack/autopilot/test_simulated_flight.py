@@ -9,8 +9,9 @@ from flightstack.config import AutopilotConfig
 from mission.geometry.frames import Geodetic, LocalFrame
 from simvehicle.drone.drone_spec import VehicleSpec
 from simvehicle.drone.simulated_vehicle import SimulatedVehicle
-from simvehicle.fleet.fleet_config import FleetConfig, GaussianPlume
+from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.world.configured import make_world
+from simvehicle.world.world_config import GaussianPlume
 
 ORIGIN = Geodetic(-5.06, 151.3, 500.0)
 TICK_S = 0.1

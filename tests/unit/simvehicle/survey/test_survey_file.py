@@ -13,7 +13,6 @@ from mission.documents.yaml_file import DocumentError
 from mission.strategies.locus.strategy import LocusParameters
 from mission.strategies.mobs import MobsParameters
 from simvehicle.faults.fault_table import FaultSpec
-from simvehicle.fleet.fleet_config import GaussianPlume, LocusGridPlume, WindConfig
 from simvehicle.survey.survey_file import (
     LaunchLine,
     SurveyConfig,
@@ -23,6 +22,7 @@ from simvehicle.survey.survey_file import (
     parse_fault,
     parse_kill,
 )
+from simvehicle.world.world_config import GaussianPlume, LocusGridPlume, WindConfig
 
 EXAMPLES = pathlib.Path(__file__).parents[4] / "examples"
 GOOD = (EXAMPLES / "survey.yaml").read_text(encoding="utf-8")
