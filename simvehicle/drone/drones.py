@@ -69,8 +69,10 @@ class Drone:
             return
         vehicle = self.vehicle
         position = vehicle.position_ned_m
-        wind = world.wind.wind_ned_mps(position, now_s)
-        felt = felt_wind_mps(wind, vehicle.velocity_ned_mps, vehicle.attitude_rad)
+        felt = (0.0, 0.0, 0.0)
+        if self.lines.feel_wind:
+            wind = world.wind.wind_ned_mps(position, now_s)
+            felt = felt_wind_mps(wind, vehicle.velocity_ned_mps, vehicle.attitude_rad)
         self.lines.step(now_s, world.air_at(position, now_s, felt))
 
     def drain(self) -> DroneBytes:

@@ -7,6 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from mission.geometry.frames import Vector3
+from sensors.instruments.registry import instrument_type
+from sensors.instruments.samples import Quantity
 from simvehicle.drone.drone_spec import EmulatedInstrument
 from simvehicle.instruments import Air, Emulator, make_emulator
 from simvehicle.vehicle.dynamics import in_body
@@ -22,12 +24,15 @@ class InstrumentLines:
     """
 
     def __init__(self, instruments: Iterable[EmulatedInstrument], drone: int, seed: int) -> None:
+        listed = tuple(instruments)
         self._emulators: dict[str, Emulator] = {
             item.name: make_emulator(
                 item.type, np.random.default_rng([seed & 0xFFFFFFFF, drone, _STREAM, index])
             )
-            for index, item in enumerate(instruments)
+            for index, item in enumerate(listed)
         }
+        self.feel_wind = any(instrument_type(item.type).quantity is Quantity.WIND for item in listed)
+        """Some of them need to be told the wind that the airframe feels."""
         self._unplugged: set[str] = set()
         self._said: dict[str, bytearray] = {}
 
