@@ -7,10 +7,11 @@ asks for messages, `exchanges` are single questions, `requests`, `arming` and `t
 
 from __future__ import annotations
 
-from flightstack.autopilot.modes import Flavour
-from flightstack.autopilot.report import StatusText, TakenBy, VehicleReport
+from flightstack.autopilot.report import TakenBy, VehicleReport
 from flightstack.autopilot.requests import RequestKind, RequestOutcome, RequestResult
 from flightstack.autopilot.session import AutopilotSession
+from flightstack.mavlink.modes import Flavour
+from flightstack.mavlink.statustext import StatusText
 
 __all__ = [
     "AutopilotSession",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flightstack.autopilot.modes import Flavour, mode_name
+from flightstack.mavlink.modes import Flavour, mode_name
 from mission.geometry.frames import Vector3
 from simvehicle.autopilot.ardupilot import ArduPilot
 from simvehicle.autopilot.core import Autopilot

@@ -22,12 +22,12 @@ from typing import Any, TextIO
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flightstack.autopilot.modes import Flavour, mode_name
+from flightstack.mavlink.modes import Flavour, mode_name
 from flightstack.autopilot.session import EVENTS, STATES
 from flightstack.mavlink.framing import FrameReader
 from flightstack.mavlink.link import ByteLink, open_link
 from flightstack.mavlink.message_rates import StreamRequests
-from flightstack.mavlink.telemetry import Telemetry
+from flightstack.autopilot.telemetry import Telemetry
 from flightstack.recording.shared_clock import Cells
 from mission.documents.yaml_file import parse
 from mission.geometry.frames import Vector3

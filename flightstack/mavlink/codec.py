@@ -1,0 +1,110 @@
+"""One end of one MAVLink link, without the link: bytes to messages, messages to bytes.
+
+Agent and ground station each have one for every link. It knows who we are, numbers what we send, steps over what
+nobody asked for, and hands out of every sender each state only if it is newer and each event only once. Time is an
+argument.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Set as AbstractSet
+from typing import Any, Final, NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from flightstack.mavlink.fields import layout
+from flightstack.mavlink.framing import Frame, FrameFinder
+from flightstack.mavlink.sequence import SequenceFilter
+
+EVERY_KIND: Final = frozenset(mavlink.mavlink_map)
+
+
+class MavlinkMessage(NamedTuple):
+    """One message that counts."""
+
+    kind: int
+    """Message id."""
+    system: int
+    component: int
+    fields: Any
+    """The payload's values by the dialect's names."""
+
+    @property
+    def name(self) -> str:
+        """As the dialect writes it: HEARTBEAT."""
+        return layout(self.kind).name
+
+
+class Reception(NamedTuple):
+    """A frame, and the message in it if somebody wants it and it is new."""
+
+    frame: Frame
+    message: MavlinkMessage | None
+
+
+class MavlinkCodec:
+    """Decoder and encoder of one link."""
+
+    def __init__(
+        self,
+        system: int,
+        component: int,
+        states: AbstractSet[int],
+        events: AbstractSet[int] = frozenset(),
+        *,
+        only_system: int | None = None,
+    ) -> None:
+        """`system` and `component` are ours. Of the kinds in `states` a newer message replaces an older one, of
+        those in `events` every one counts; others are not decoded. With `only_system` nothing of other systems is,
+        but for heartbeats.
+        """
+        self._system = system
+        self._component = component
+        self._events = frozenset(events)
+        self._wanted = frozenset(states) | self._events
+        self._only_system = only_system
+        self._finder = FrameFinder()
+        self._senders: dict[tuple[int, int], SequenceFilter] = {}
+        self._packer = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+        self.late_frames = 0
+        """Wanted frames that came twice, or after a newer one."""
+
+    @property
+    def bad_frames(self) -> int:
+        """What looked like a frame and was none, or was damaged on the way."""
+        return self._finder.bad_frames
+
+    def receive(self, now_s: float, data: bytes) -> list[MavlinkMessage]:
+        """The wanted messages completed by `data`, in order."""
+        return [found for frame in self._finder.find(data) if (found := self._message(now_s, frame))]
+
+    def receive_frames(self, now_s: float, data: bytes) -> list[Reception]:
+        """As `receive`, with every frame that came, for a log."""
+        return [Reception(frame, self._message(now_s, frame)) for frame in self._finder.find(data)]
+
+    def _message(self, now_s: float, frame: Frame) -> MavlinkMessage | None:
+        kind, sequence, system, component, payload, _ = frame
+        foreign = self._only_system is not None and system != self._only_system
+        if foreign and kind != mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+            return None
+        sender = self._senders.get((system, component))
+        if sender is None:
+            sender = self._senders[system, component] = SequenceFilter(self._events)
+        number = sender.count(now_s, sequence)
+        if kind not in self._wanted:
+            return None
+        if not sender.is_new(number, kind):
+            self.late_frames += 1
+            return None
+        return MavlinkMessage(kind, system, component, layout(kind).unpack(payload))
+
+    def is_answer_to_us(self, message: MavlinkMessage) -> bool:
+        """Whether a COMMAND_ACK is for us. Without the extension fields (MAVLink 1) nobody knows whom it answers."""
+        target = (message.fields.target_system, message.fields.target_component)
+        return target in ((0, 0), (self._system, self._component))
+
+    def encode(self, message: Any) -> bytes:
+        """The frame of one of pymavlink's messages, with our ids and the next sequence number."""
+        frame = bytes(message.pack(self._packer))
+        self._packer.seq = (self._packer.seq + 1) % 256
+        return frame
