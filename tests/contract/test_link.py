@@ -15,16 +15,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from flightstack.mavlink.link import (
-    READ_AT_MOST_BYTES,
-    WRITE_BACKLOG_BYTES,
-    ByteLink,
-    LinkError,
-    UdpInLink,
-    memory_pair,
-    open_link,
-)
-from flightstack.mavlink.link_streams import TcpServerLink
+from flightstack.mavlink.link import ByteLink, LinkError, open_link
+from flightstack.mavlink.link.byte_link import READ_AT_MOST_BYTES
+from flightstack.mavlink.link.memory_link import memory_pair
+from flightstack.mavlink.link.stream_link import WRITE_BACKLOG_BYTES
+from flightstack.mavlink.link.tcp_link import TcpServerLink
+from flightstack.mavlink.link.udp_link import UdpInLink
 
 
 @dataclasses.dataclass

@@ -17,17 +17,17 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from typing import Any, TextIO
+from typing import TextIO
 
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flightstack.mavlink.modes import Flavour, mode_name
-from flightstack.autopilot.session import EVENTS, STATES
-from flightstack.mavlink.framing import FrameReader
+from flightstack.autopilot.session import RATES_HZ
+from flightstack.autopilot.telemetry import EVENTS, STATES, Telemetry
+from flightstack.mavlink.codec import MavlinkCodec
 from flightstack.mavlink.link import ByteLink, open_link
 from flightstack.mavlink.message_rates import StreamRequests
-from flightstack.autopilot.telemetry import Telemetry
+from flightstack.mavlink.modes import Flavour
 from flightstack.recording.shared_clock import Cells
 from mission.documents.yaml_file import parse
 from mission.geometry.frames import Vector3
@@ -61,34 +61,28 @@ class Monitor:
     def __init__(self, spec: VehicleSpec, world: World) -> None:
         self.vehicle = Telemetry(spec.id, world.frame, Flavour.ARDUPILOT)
         self.link: ByteLink = open_link(f"udpin:{HOST}:{free_port(socket.SOCK_DGRAM)}")
-        self._reader = FrameReader(spec.id, STATES, EVENTS)
-        self._streams = StreamRequests()
-        self._boot_s: float | None = None
-        self._encoder = mavlink.MAVLink(
-            None, srcSystem=MONITOR, srcComponent=mavlink.MAV_COMP_ID_MISSIONPLANNER
+        self._codec = MavlinkCodec(
+            MONITOR, mavlink.MAV_COMP_ID_MISSIONPLANNER, STATES, EVENTS, only_system=spec.id
         )
+        self._streams = StreamRequests(RATES_HZ)
+        self._boot_s: float | None = None
 
     def step(self, now_s: float) -> None:
-        for message in self._reader.read(now_s, self.link.read()):
-            if self.vehicle.accept(now_s, message):
-                self._streams.received(now_s, message.get_msgId())
-                if message.get_type() == "COMMAND_ACK" and message.target_system == MONITOR:
-                    self._streams.acknowledge(now_s, message.command, message.result)
+        for message in self._codec.receive(now_s, self.link.read()):
+            ours = self.vehicle.hear(now_s, message)
+            if ours and message.name == "COMMAND_ACK" and self._codec.is_answer_to_us(message):
+                self._streams.acknowledge(now_s, message.fields.command, message.fields.result)
         self.vehicle.clear_news()
         if self._boot_s is None and self.vehicle.boot_ms is not None:
             self._boot_s = now_s - self.vehicle.boot_ms * 1e-3
         for message in self._streams.step(now_s, self.vehicle):
-            self._send(message)
+            self.link.write(self._codec.encode(message))
 
     @property
     def time_s(self) -> float:
         """How far the vehicle's own time has come, from the first look at it on; 0 before that."""
         boot_ms = self.vehicle.boot_ms
         return 0.0 if self._boot_s is None or boot_ms is None else self._boot_s + boot_ms * 1e-3
-
-    def _send(self, message: Any) -> None:
-        self.link.write(message.pack(self._encoder))
-        self._encoder.seq = (self._encoder.seq + 1) % 256
 
 
 class Member:
@@ -109,7 +103,7 @@ class Member:
 
     @property
     def position_ned_m(self) -> Vector3:
-        return self.monitor.vehicle.position_ned_m() or self._home
+        return self.monitor.vehicle.position_ned_m or self._home
 
     def measure(self, now_s: float) -> None:
         vehicle = self.monitor.vehicle
@@ -126,10 +120,9 @@ class Member:
 
     def row(self, now_s: float) -> str:
         vehicle = self.monitor.vehicle
-        mode = "" if vehicle.custom_mode is None else mode_name(Flavour.ARDUPILOT, vehicle.custom_mode)
         position = self.position_ned_m
         numbers = ",".join(f"{value:.3f}" for value in position)
-        state = f"{vehicle.is_airborne(now_s):d},{vehicle.armed:d},{mode}"
+        state = f"{vehicle.is_airborne(now_s):d},{vehicle.armed:d},{vehicle.mode}"
         battery = 1.0 if vehicle.battery_fraction is None else vehicle.battery_fraction
         co2_ppm = self._world.co2_ppm(position, now_s)
         return f"{now_s:.2f},{self.spec.id},{numbers},{state},{co2_ppm:.2f},{battery:.3f}\n"
