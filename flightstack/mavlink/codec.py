@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.mavlink.fields import layout
-from flightstack.mavlink.framing import Frame, FrameFinder
+from flightstack.mavlink.framing import Frame, FrameFinder, frame
 from flightstack.mavlink.sequence import SequenceFilter
 
 EVERY_KIND: Final = frozenset(mavlink.mavlink_map)
@@ -76,24 +76,25 @@ class MavlinkCodec:
 
     def receive(self, now_s: float, data: bytes) -> list[MavlinkMessage]:
         """The wanted messages completed by `data`, in order."""
-        return [found for frame in self._finder.find(data) if (found := self._message(now_s, frame))]
+        found = (self._message(now_s, whole) for whole in self._finder.find(data))
+        return [message for message in found if message is not None]
 
     def receive_frames(self, now_s: float, data: bytes) -> list[Reception]:
         """As `receive`, with every frame that came, for a log."""
-        return [Reception(frame, self._message(now_s, frame)) for frame in self._finder.find(data)]
+        return [Reception(found, self._message(now_s, found)) for found in self._finder.find(data)]
 
-    def _message(self, now_s: float, frame: Frame) -> MavlinkMessage | None:
-        kind, sequence, system, component, payload, _ = frame
+    def _message(self, now_s: float, whole: Frame) -> MavlinkMessage | None:
+        kind, sequence, system, component, payload, _ = whole
         foreign = self._only_system is not None and system != self._only_system
         if foreign and kind != mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             return None
         sender = self._senders.get((system, component))
         if sender is None:
             sender = self._senders[system, component] = SequenceFilter(self._events)
-        number = sender.count(now_s, sequence)
+        is_news = sender.is_news(now_s, sequence, kind)
         if kind not in self._wanted:
             return None
-        if not sender.is_new(number, kind):
+        if not is_news:
             self.late_frames += 1
             return None
         return MavlinkMessage(kind, system, component, layout(kind).unpack(payload))
@@ -105,6 +106,11 @@ class MavlinkCodec:
 
     def encode(self, message: Any) -> bytes:
         """The frame of one of pymavlink's messages, with our ids and the next sequence number."""
-        frame = bytes(message.pack(self._packer))
-        self._packer.seq = (self._packer.seq + 1) % 256
-        return frame
+        packer, plan = self._packer, layout(message.get_msgId())
+        if plan.is_plain:
+            payload = plan.pack(message)
+            data = frame(message.get_msgId(), packer.seq, self._system, self._component, payload)
+        else:
+            data = bytes(message.pack(packer))
+        packer.seq = (packer.seq + 1) % 256
+        return data

@@ -1,13 +1,14 @@
-"""Payloads to the fields of their messages, laid out as the dialect says and nothing more.
+"""Payloads to the fields of their messages and back, laid out as the dialect says and nothing more.
 
 pymavlink's own decoder builds a message object that can also be printed, packed again and signed. A tick wants a few
-numbers by their names, so its formats are used and its objects are not.
+numbers by their names, so its formats are used and its decoder is not.
 """
 
 from __future__ import annotations
 
 import collections
 import functools
+import operator
 import struct
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -25,10 +26,11 @@ class Layout:
         self.name: str = definition.msgname
         self._struct: struct.Struct = definition.unpacker
         self._lengths: list[int] = definition.lengths
-        self._is_text = [bool(size) and count == 1 for size, count in zip(
-            definition.array_lengths, definition.lengths, strict=True
-        )]  # fmt: skip
-        self._is_plain = not any(definition.array_lengths)
+        sizes: list[int] = definition.array_lengths
+        self._is_text = [bool(size) and count == 1 for size, count in zip(sizes, self._lengths, strict=True)]
+        self.is_plain = not any(definition.array_lengths)
+        """Whether it has numbers only."""
+        self._numbers_of = operator.attrgetter(*names)
         made = collections.namedtuple(self.name.lower(), names)  # type: ignore[misc]  # the dialect's names
         self._make: Callable[[Iterable[Any]], Any] = made._make
 
@@ -42,7 +44,13 @@ class Layout:
         if len(payload) != size:
             payload = payload[:size].ljust(size, b"\0")
         values = self._struct.unpack(payload)
-        return self._make(values if self._is_plain else self._gathered(values))
+        return self._make(values if self.is_plain else self._gathered(values))
+
+    def pack(self, message: Any) -> bytes:
+        """The payload of one of pymavlink's messages of this kind, without zeros at its end. It must be plain."""
+        numbers = self._numbers_of(message)
+        payload = self._struct.pack(*numbers) if isinstance(numbers, tuple) else self._struct.pack(numbers)
+        return payload.rstrip(b"\0") or b"\0"
 
     def _gathered(self, values: tuple[Any, ...]) -> list[Any]:
         gathered: list[Any] = []

@@ -6,7 +6,8 @@ asked for.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import struct
+from typing import Final, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -21,6 +22,9 @@ SIGNED = 0x01
 
 _CHECKSUM_SEEDS = {kind: bytes((message.crc_extra,)) for kind, message in mavlink.mavlink_map.items()}
 """The byte that stands for a message's definition in its checksum, by message id."""
+
+
+_V2_HEADER: Final = struct.Struct("<BBBBBBBHB")
 
 
 class Frame(NamedTuple):
@@ -99,5 +103,18 @@ def _is_frame(buffer: bytes, start: int, after_body: int, stop: int, kind: int) 
     seed = _CHECKSUM_SEEDS.get(kind)
     if seed is None:
         return stop == len(buffer) or buffer[stop] in (V1_MAGIC, V2_MAGIC)
-    checksum: int = mavlink.x25crc(buffer[start + 1 : after_body] + seed).crc
-    return checksum == buffer[after_body] | buffer[after_body + 1] << 8
+    return _checksum(buffer[start + 1 : after_body], seed) == buffer[after_body] | buffer[after_body + 1] << 8
+
+
+def _checksum(covered: bytes, seed: bytes) -> int:
+    checksum: int = mavlink.x25crc(covered + seed).crc
+    return checksum
+
+
+def frame(kind: int, sequence: int, system: int, component: int, payload: bytes) -> bytes:
+    """An unsigned MAVLink 2 frame. KeyError if the dialect has no message of this kind."""
+    header = _V2_HEADER.pack(
+        V2_MAGIC, len(payload), 0, 0, sequence, system, component, kind & 0xFFFF, kind >> 16
+    )
+    checksum = _checksum(header[1:] + payload, _CHECKSUM_SEEDS[kind])
+    return header + payload + checksum.to_bytes(2, "little")
