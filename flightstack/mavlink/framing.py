@@ -71,7 +71,7 @@ class FrameFinder:
                 stop = after_body + CHECKSUM_LENGTH
                 kind = buffer[start + 5]
                 identity = start + 2
-            if sound and stop > end:
+            if sound and stop > end - (kind not in _CHECKSUM_SEEDS):  # of those the next byte must be seen
                 break
             if sound and _is_frame(buffer, start, after_body, stop, kind):
                 sequence, system, component = buffer[identity : identity + 3]
@@ -98,11 +98,10 @@ def _next_magic(buffer: bytes, start: int) -> int:
 
 
 def _is_frame(buffer: bytes, start: int, after_body: int, stop: int, kind: int) -> bool:
-    """Whether the checksum is right. Without a definition it cannot be told: what follows then has to look like a
-    frame, or be yet to come."""
+    """Whether the checksum is right. Without a definition nobody can tell: then the next byte must begin a frame."""
     seed = _CHECKSUM_SEEDS.get(kind)
     if seed is None:
-        return stop == len(buffer) or buffer[stop] in (V1_MAGIC, V2_MAGIC)
+        return buffer[stop] in (V1_MAGIC, V2_MAGIC)
     return _checksum(buffer[start + 1 : after_body], seed) == buffer[after_body] | buffer[after_body + 1] << 8
 
 

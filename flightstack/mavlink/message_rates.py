@@ -115,8 +115,9 @@ class StreamRequests:
         *,
         asks_first: bool = True,
     ) -> None:
-        """`rates_hz`: by flavour and message id, in the order in which they are asked for; `once`: messages that are
-        asked for until one has come. With `asks_first` also what comes already is asked for, once, for its rate.
+        """`rates_hz`: by flavour and message id, in the order in which they are asked for; a flavour that is not in
+        it is asked nothing. `once`: messages that are asked for until one has come. With `asks_first` also what comes
+        already is asked for, once, for its rate.
         """
         self._rates_hz = rates_hz
         self._once = tuple(once)
@@ -132,9 +133,12 @@ class StreamRequests:
 
     def _restart(self, flavour: Flavour) -> None:
         """The autopilot is new, or has forgotten what was asked."""
-        rates_hz = self._rates_hz.get(flavour, {})
-        self._wanted = [_Wanted(kind, rate_hz) for kind, rate_hz in rates_hz.items()]
-        self._wanted += [_Wanted(kind, 0.0) for kind in self._once] if rates_hz else []
+        rates_hz = self._rates_hz.get(flavour)
+        if rates_hz is None:
+            self._wanted = []
+        else:
+            self._wanted = [_Wanted(kind, rate_hz) for kind, rate_hz in rates_hz.items()]
+            self._wanted += [_Wanted(kind, 0.0) for kind in self._once]
         self._open = None
         self._look_s = -math.inf
 
