@@ -8,15 +8,13 @@ argument.
 from __future__ import annotations
 
 from collections.abc import Set as AbstractSet
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.mavlink.fields import layout
-from flightstack.mavlink.framing import Frame, FrameFinder, frame
+from flightstack.mavlink.framing import FrameFinder, MavlinkFrame, pack_frame
 from flightstack.mavlink.sequence import SequenceFilter
-
-EVERY_KIND: Final = frozenset(mavlink.mavlink_map)
 
 
 class MavlinkMessage(NamedTuple):
@@ -38,7 +36,7 @@ class MavlinkMessage(NamedTuple):
 class Reception(NamedTuple):
     """A frame, and the message in it if somebody wants it and it is new."""
 
-    frame: Frame
+    frame: MavlinkFrame
     message: MavlinkMessage | None
 
 
@@ -49,14 +47,14 @@ class MavlinkCodec:
         self,
         system: int,
         component: int,
-        states: AbstractSet[int],
+        states: AbstractSet[int] = frozenset(),
         events: AbstractSet[int] = frozenset(),
         *,
         only_system: int | None = None,
     ) -> None:
-        """`system` and `component` are ours. Of the kinds in `states` a newer message replaces an older one, of
-        those in `events` every one counts; others are not decoded. With `only_system` nothing of other systems is,
-        but for heartbeats.
+        """`system` and `component` are ours. What is read is told by message ids: of `states` a newer one replaces an
+        older one, of `events` every one counts. With `only_system` nothing of other systems is read, but for
+        heartbeats.
         """
         self._system = system
         self._component = component
@@ -83,7 +81,7 @@ class MavlinkCodec:
         """As `receive`, with every frame that came, for a log."""
         return [Reception(found, self._message(now_s, found)) for found in self._finder.find(data)]
 
-    def _message(self, now_s: float, whole: Frame) -> MavlinkMessage | None:
+    def _message(self, now_s: float, whole: MavlinkFrame) -> MavlinkMessage | None:
         kind, sequence, system, component, payload, _ = whole
         foreign = self._only_system is not None and system != self._only_system
         if foreign and kind != mavlink.MAVLINK_MSG_ID_HEARTBEAT:
@@ -109,7 +107,7 @@ class MavlinkCodec:
         packer, plan = self._packer, layout(message.get_msgId())
         if plan.is_plain:
             payload = plan.pack(message)
-            data = frame(message.get_msgId(), packer.seq, self._system, self._component, payload)
+            data = pack_frame(message.get_msgId(), packer.seq, self._system, self._component, payload)
         else:
             data = bytes(message.pack(packer))
         packer.seq = (packer.seq + 1) % 256

@@ -16,7 +16,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 
-class Layout:
+class MessageLayout:
     """How one kind of message lies in its payload."""
 
     def __init__(self, kind: int) -> None:
@@ -67,5 +67,5 @@ class Layout:
 
 
 @functools.cache
-def layout(kind: int) -> Layout:
-    return Layout(kind)
+def layout(kind: int) -> MessageLayout:
+    return MessageLayout(kind)

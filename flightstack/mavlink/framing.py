@@ -27,7 +27,7 @@ _CHECKSUM_SEEDS = {kind: bytes((message.crc_extra,)) for kind, message in mavlin
 _V2_HEADER: Final = struct.Struct("<BBBBBBBHB")
 
 
-class Frame(NamedTuple):
+class MavlinkFrame(NamedTuple):
     """One whole frame. Its checksum is right, or it is of a kind that is not in the dialect."""
 
     kind: int
@@ -48,10 +48,10 @@ class FrameFinder:
         self._rest = b""
         self.bad_frames = 0
 
-    def find(self, data: bytes) -> list[Frame]:
+    def find(self, data: bytes) -> list[MavlinkFrame]:
         """The frames completed by `data`, in order. An incomplete frame waits for the next call."""
         buffer = self._rest + data if self._rest else data
-        frames: list[Frame] = []
+        frames: list[MavlinkFrame] = []
         start, end = _next_magic(buffer, 0), len(buffer)
         while start < end:
             if end - start < V1_HEADER_LENGTH:
@@ -76,7 +76,7 @@ class FrameFinder:
             if sound and _is_frame(buffer, start, after_body, stop, kind):
                 sequence, system, component = buffer[identity : identity + 3]
                 payload = buffer[body:after_body]
-                frames.append(Frame(kind, sequence, system, component, payload, buffer[start:stop]))
+                frames.append(MavlinkFrame(kind, sequence, system, component, payload, buffer[start:stop]))
             else:
                 # Go on just behind its first byte: a false start may have covered a real frame.
                 self.bad_frames += 1
@@ -110,7 +110,7 @@ def _checksum(covered: bytes, seed: bytes) -> int:
     return checksum
 
 
-def frame(kind: int, sequence: int, system: int, component: int, payload: bytes) -> bytes:
+def pack_frame(kind: int, sequence: int, system: int, component: int, payload: bytes) -> bytes:
     """An unsigned MAVLink 2 frame. KeyError if the dialect has no message of this kind."""
     header = _V2_HEADER.pack(
         V2_MAGIC, len(payload), 0, 0, sequence, system, component, kind & 0xFFFF, kind >> 16

@@ -83,6 +83,15 @@ class VehicleState:
         """How many restarts of the autopilot were seen."""
         self.new_texts: list[StatusText] = []
         """Whole status texts, oldest first, until the owner takes them."""
+        self.role = Role.UNKNOWN
+        self.heartbeat_s: float | None = None
+        self.flavour = Flavour.UNKNOWN
+        self.autopilot_type = mavlink.MAV_AUTOPILOT_INVALID
+        self.vehicle_type = mavlink.MAV_TYPE_GENERIC
+        self.armed = False
+        self.custom_mode: int | None = None
+        self.mode_since_s = 0.0
+        """When the heartbeat first told the present mode."""
         self._frame = frame
         self._texts = TextAssembler()
         self._handlers: dict[int, Callable[[float, Any], None]] = {
@@ -100,16 +109,7 @@ class VehicleState:
         self._forget()
 
     def _forget(self) -> None:
-        """The state of a vehicle of which nothing is known but perhaps that it exists."""
-        self.role = Role.UNKNOWN
-        self.heartbeat_s: float | None = None
-        self.flavour = Flavour.UNKNOWN
-        self.autopilot_type = mavlink.MAV_AUTOPILOT_INVALID
-        self.vehicle_type = mavlink.MAV_TYPE_GENERIC
-        self.armed = False
-        self.custom_mode: int | None = None
-        self.mode_since_s = 0.0
-        """When the heartbeat first told the present mode."""
+        """Nothing but the heartbeat's own facts is known: every heartbeat tells them anew."""
         self.received_s: dict[int, float] = {}
         """When a message of each kind came last."""
         self.received_count: dict[int, int] = {}
@@ -163,15 +163,13 @@ class VehicleState:
             self.mode_since_s = now_s
 
     def _is_old(self, boot_ms: int) -> bool:
-        """Is this measurement older than the newest? A clock far back is a restart: what was known is void."""
+        """Is this measurement older than the newest? A clock far back is a restart: what was measured is void."""
         newest = self.boot_ms
         if newest is not None and boot_ms < newest:
             if newest - boot_ms < REBOOT_S * 1000.0:
                 return True
-            heartbeat_s, role = self.heartbeat_s, self.role
             self._forget()
             self.boots += 1
-            self.heartbeat_s, self.role = heartbeat_s, role
         self.boot_ms = boot_ms
         return False
 

@@ -23,7 +23,7 @@ class Link:
 
     def say(self, now_s: float, message: object, system: int = 3, component: int = 1) -> list[bool]:
         """Whether each message was our autopilot's."""
-        sender = self._senders.setdefault((system, component), MavlinkCodec(system, component, ()))
+        sender = self._senders.setdefault((system, component), MavlinkCodec(system, component))
         return [
             self.vehicle.hear(now_s, heard) for heard in self._codec.receive(now_s, sender.encode(message))
         ]

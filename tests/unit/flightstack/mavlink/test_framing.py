@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flightstack.mavlink.framing import Frame, FrameFinder, frame
+from flightstack.mavlink.framing import FrameFinder, MavlinkFrame, pack_frame
 
 MAGIC = b"\xfd\xfe"
 LONGEST = 280
@@ -32,7 +32,7 @@ def in_pieces(data: bytes, cuts: list[int]) -> list[bytes]:
     return [data[a:b] for a, b in itertools.pairwise(edges)]
 
 
-def found(data: bytes, cuts: list[int] | None = None) -> list[Frame]:
+def found(data: bytes, cuts: list[int] | None = None) -> list[MavlinkFrame]:
     finder = FrameFinder()
     return [whole for piece in in_pieces(data, cuts or []) for whole in finder.find(piece)]
 
@@ -70,7 +70,7 @@ def test_whatever_is_found_in_noise_is_the_same_in_any_pieces_and_in_order(
 
 
 def test_a_frame_tells_who_sent_it() -> None:
-    (one,) = found(frame(mavlink.MAVLINK_MSG_ID_HEARTBEAT, 200, 3, 191, b"\x01"))
+    (one,) = found(pack_frame(mavlink.MAVLINK_MSG_ID_HEARTBEAT, 200, 3, 191, b"\x01"))
     assert (one.kind, one.sequence, one.system, one.component, one.payload) == (0, 200, 3, 191, b"\x01")
 
 
