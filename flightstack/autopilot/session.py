@@ -69,7 +69,7 @@ RATES_HZ: dict[Flavour, dict[int, float]] = {
     },
 }
 """What the agent needs of each autopilot, in the order in which it is asked for."""
-_WITHOUT_A_WORD = frozenset(
+_MAY_BE_ABSENT = frozenset(
     (
         mavlink.MAVLINK_MSG_ID_WIND,
         mavlink.MAVLINK_MSG_ID_WIND_COV,
@@ -137,7 +137,7 @@ class AutopilotSession:
         """The vehicle as known now; what is new in it is what came since the last `step`."""
         if self._report is None:
             refusal = self._request.complaint if self._request is not None else ""
-            missing = sorted(self._streams.missing - _WITHOUT_A_WORD)
+            missing = sorted(self._streams.missing - _MAY_BE_ABSENT)
             notes = tuple(f"autopilot does not send {layout(kind).name}" for kind in missing)
             if self._withheld:
                 notes = (*notes, self._withheld)

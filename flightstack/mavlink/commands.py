@@ -10,6 +10,16 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from flightstack.mavlink.modes import Flavour, set_mode_parameters
 from flightstack.mavlink.vehicle_state import VehicleState
 
+_RESULT_NAMES: dict[int, str] = {
+    value: entry.name.removeprefix("MAV_RESULT_").lower().replace("_", " ")
+    for value, entry in mavlink.enums["MAV_RESULT"].items()
+}
+
+
+def result_name(result: int) -> str:
+    """A COMMAND_ACK's MAV_RESULT for a person: "temporarily rejected"."""
+    return _RESULT_NAMES.get(result, f"result {result}")
+
 
 def heartbeat(kind: int) -> Any:
     """HEARTBEAT of what is no vehicle; `kind` is its MAV_TYPE."""

@@ -13,7 +13,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flightstack.mavlink.commands import command_long
+from flightstack.mavlink.commands import command_long, result_name
 from flightstack.mavlink.modes import Flavour
 from flightstack.mavlink.vehicle_state import VehicleState
 
@@ -22,10 +22,6 @@ REPEATS = 4
 IN_PROGRESS_S = 10.0
 """How long to wait on after an answer that says that the autopilot is at it."""
 
-_RESULT_NAMES = {
-    value: entry.name.removeprefix("MAV_RESULT_").lower().replace("_", " ")
-    for value, entry in mavlink.enums["MAV_RESULT"].items()
-}
 _PARAM_ERRORS = {
     value: entry.name.removeprefix("MAV_PARAM_ERROR_").lower().replace("_", " ")
     for value, entry in mavlink.enums["MAV_PARAM_ERROR"].items()
@@ -83,7 +79,7 @@ class CommandExchange:
             self.answer = Answer.ACCEPTED
         else:
             self.answer = Answer.REFUSED
-            self.reason = f"command {command} {_RESULT_NAMES.get(result, f'result {result}')}"
+            self.reason = f"command {command} {result_name(result)}"
 
 
 class ParameterExchange:

@@ -21,6 +21,7 @@ import math
 import msgspec
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from flightstack.mavlink.commands import result_name
 from flightstack.mavlink.modes import Duty, Flavour, mode_of
 from flightstack.mavlink.vehicle_state import HEARTBEAT_LOST_S
 from flightstack.swarm.wire import Phase, Severity
@@ -265,5 +266,4 @@ def _answer(vehicle: Component, case: _Case) -> str:
     )
     if acknowledged is None or not is_ours:
         return "no answer"
-    result = mavlink.enums["MAV_RESULT"].get(acknowledged.result)
-    return str(result.name).removeprefix("MAV_RESULT_").lower() if result else str(acknowledged.result)
+    return result_name(acknowledged.result)
