@@ -116,6 +116,8 @@ class Agent:
         self._strategy = self._new_strategy()
         self._rng = np.random.default_rng((config.seed, config.drone))
         self._decision: Decision | None = None
+        self._word = b""
+        """The strategy's newest word: neighbours hear it also while something else flies the drone."""
         self._strategy_failure = ""
         self._formed_s: float | None = None
         self._approach = Arrival(
@@ -180,6 +182,7 @@ class Agent:
         self._tree.begin(now_s, survey, (0.0, 0.0, down_m))
         self._strategy = self._new_strategy()
         self._decision = None
+        self._word = b""
         self._strategy_failure = ""
         self._formed_s = None
         self._best_ppm = None
@@ -336,6 +339,7 @@ class Agent:
                     ),
                     self._rng,
                 )
+                self._word = self._decision.word
                 return self._decision.intent
             case _:
                 return Hold()
@@ -391,6 +395,7 @@ class Agent:
                 held_by=guarded.held_by if guarded else (),
                 ticks=self._ticks + inputs.late_ticks,  # that were due, whether they were held or missed
                 late_ticks=inputs.late_ticks,
+                word=self._word,
             )
             peers.append((topics.STATE.name, topics.STATE.codec.encode(state)))
         if self._tree.survey is not None and telling.due(now_s, topics.TREE):

@@ -27,7 +27,7 @@ from flightstack.recording.recorder import FlightRecorder, RecordingError, unuse
 from flightstack.sensing.filter_stage import PortInput
 from flightstack.swarm import topics
 from flightstack.swarm.peers import RECEIVED_BY_DRONES
-from flightstack.swarm.wire import Command, CommandName, Phase, Severity
+from flightstack.swarm.wire import VERSION, Command, CommandName, Phase, Severity
 from flightstack.transport import Transport, TransportError
 from flightstack.transport.endpoints import faulty_field
 from flightstack.transport.zenoh_transport import ZenohTransport
@@ -168,7 +168,8 @@ def run(config: DroneConfig, *, file: str = "configuration") -> int:
         opened.callback(shell.close)
         recorder = _open_recorder(config, incarnation, file)
         opened.callback(recorder.close)
-        recorder.record("/config", clock.now_s(), {"config": config, "incarnation": incarnation})
+        about = {"config": config, "incarnation": incarnation, "wire": VERSION}
+        recorder.record("/config", clock.now_s(), about)
         gc.collect()
         gc.freeze()  # what start-up made is never searched again: keeps the collector out of the ticks
         return _loop(agent, shell, recorder, clock, stop, file)

@@ -53,6 +53,7 @@ class Announcements:
         held_by: tuple[str, ...],
         ticks: int,
         late_ticks: int,
+        word: bytes,
     ) -> DroneState:
         self._states += 1
         waiting = vehicle.ready_reason if not vehicle.armed else ""
@@ -87,4 +88,5 @@ class Announcements:
             ticks,
             late_ticks,
             vehicle.position_age_s or 0.0,
+            word,
         )

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from flightstack.flight.guidance import FRESH_S
 from flightstack.flight.phase import TAKING_PART
 from flightstack.swarm import topics
-from flightstack.swarm.admission import is_estimate, is_vehicle, is_wind, refusal
+from flightstack.swarm.admission import is_bounded_word, is_estimate, is_vehicle, is_wind, refusal
 from flightstack.swarm.wire import (
     Command,
     DroneState,
@@ -144,6 +144,7 @@ class Belief:
                 _aged(state.excess_co2_ppm, silence_s) if is_estimate(state.excess_co2_ppm) else None,
                 state.wind if is_wind(state.wind) else None,
                 silence_s > ADRIFT_S,
+                state.word if is_bounded_word(state.word) else b"",
             )
         for drone, (vehicle, at_s) in self._traffic.items():
             age_s = now_s - at_s
