@@ -14,9 +14,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from benchmarks import Figures
 from mission.geometry.frames import Geodetic
-from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec, WindConfig
+from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec
 from simvehicle.vehicle.simulated_vehicle import SimulatedVehicle
 from simvehicle.world.configured import make_world
+from simvehicle.world.world_config import WindConfig
 
 _COMPANION_HZ = {30: 10, 33: 10, 32: 10, 1: 1, 24: 1, 245: 2, 147: 1, 193: 1, 168: 1, 242: 0.5}
 _GROUND_HZ = {33: 2, 30: 2, 1: 1, 245: 1, 242: 0.5}

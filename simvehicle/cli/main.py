@@ -69,7 +69,8 @@ def run(
 
     from mission.documents.yaml_file import DocumentError, line_of
     from mission.geometry.frames import Geodetic
-    from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec, WindConfig
+    from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec
+    from simvehicle.world.world_config import WindConfig
 
     if config is not None:
         fleet_config = _read(config)

@@ -249,7 +249,7 @@ def _command() -> str:
 
 
 def _tell_compiling() -> None:
-    from simvehicle.trials.compiled import needs_compiling
+    from simvehicle.compiled import needs_compiling
 
     if needs_compiling():
         typer.echo("compiling the trials for this machine (once a version, about half a minute) …", err=True)
@@ -320,7 +320,7 @@ def _one_line() -> Iterator[None]:
         raise typer.Exit(2) from error
     except OSError as error:
         # Rows, pages and pictures have errors of their own; what is left is the compiler's directory.
-        from simvehicle.trials.compiled import cache_directory
+        from simvehicle.compiled import cache_directory
 
         typer.echo(
             f"simvehicle: {error.strerror or error}; machine code is kept in {cache_directory()}: make room there, "

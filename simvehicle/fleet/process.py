@@ -29,9 +29,9 @@ from simvehicle.fleet.fleet_config import (
     VehicleSpec,
 )
 from simvehicle.fleet.truth import COLUMNS
-from simvehicle.instruments import Air, Emulator, make_emulator
+from simvehicle.instruments import Emulator, make_emulator
 from simvehicle.vehicle.simulated_vehicle import SimulatedVehicle
-from simvehicle.world.air import World
+from simvehicle.world.air import Air, World
 from simvehicle.world.configured import make_world
 
 _PERIOD_S = 0.02
@@ -41,7 +41,6 @@ _SHORTEST_PERIOD_S = 0.004
 _INSTRUMENT_PERIOD_S = 0.05
 _TRUTH_PERIOD_S = 0.1
 _DATAGRAM_BYTES = 1200
-_SEA_LEVEL_PA = 101_325.0
 
 
 class FleetError(ValueError):
@@ -168,13 +167,7 @@ class _Member:
         if not self.instruments:
             return
         position = self.vehicle.position_ned_m
-        amsl_m = world.frame.origin.amsl_m - position[2]
-        air = Air(
-            co2_ppm=world.co2_ppm(position, now_s),
-            wind_body_mps=self.vehicle.wind_body_mps(),
-            temperature_c=15.0 - 0.0065 * amsl_m,
-            pressure_pa=_SEA_LEVEL_PA * (1.0 - 2.25577e-5 * amsl_m) ** 5.25588,
-        )
+        air = world.air_at(position, now_s, self.vehicle.wind_body_mps())
         for instrument in self.instruments.values():
             instrument.step(now_s, air)
 

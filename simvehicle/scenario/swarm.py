@@ -31,7 +31,7 @@ from flightstack.swarm.wire import (
 from flightstack.transport.memory import MemoryRadio, MemoryTransport
 from mission.geometry.frames import Vector3
 from simvehicle.fleet.fleet_config import FleetConfig
-from simvehicle.instruments import Air, Emulator, make_emulator
+from simvehicle.instruments import Emulator, make_emulator
 from simvehicle.vehicle.simulated_vehicle import SimulatedVehicle
 from simvehicle.world.configured import make_world
 
@@ -181,10 +181,7 @@ class Scenario:
                     member.new_ports.add(name)
                     found.append(PortInput(name, lost="unplugged"))
                 continue
-            air = Air(
-                co2_ppm=self.world.co2_ppm(vehicle.position_ned_m, self.now_s),
-                wind_body_mps=vehicle.wind_body_mps(),
-            )
+            air = self.world.air_at(vehicle.position_ned_m, self.now_s, vehicle.wind_body_mps())
             data = emulator.step(self.now_s, air)
             if name in member.new_ports:
                 member.new_ports.discard(name)

@@ -82,7 +82,7 @@ def fly(
     flown = summary.summarise(
         survey.config.name,
         plan.fleet,
-        make_world(plan.fleet).plume.source_ned_m,
+        make_world(plan.fleet).gas.source_ned_m,
         survey.geofence,
         survey.config.limits.separation_m,
         read_tracks(plan.truth),

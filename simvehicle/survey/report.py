@@ -9,15 +9,13 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from flightstack.swarm.wire import Severity
 from mission.geometry.formation import make_layout
-from mission.geometry.frames import LocalFrame
 from mission.geometry.geofence import LocalFence
 from simvehicle.fleet.truth import Track
 from simvehicle.survey import figures
 from simvehicle.survey.summary import Summary
 from simvehicle.survey.survey_file import Survey
 from simvehicle.survey.watch import EventMark, Log
-from simvehicle.world.gas import make_plume
-from simvehicle.world.wind import GustyWind
+from simvehicle.world.configured import make_world
 
 _MOST_EVENTS = 250
 
@@ -146,17 +144,14 @@ def _numbers(summary: Summary) -> str:
 
 def _figures(survey: Survey, summary: Summary, tracks: Mapping[int, Track], log: Log) -> Iterable[str]:
     config = survey.config
-    wind = GustyWind(config.wind, config.seed)
-    plume = make_plume(config.plume, wind.mean_ned_mps, config.origin.amsl_m)
-    fence = LocalFence(LocalFrame(config.origin), survey.geofence).area if survey.geofence else None
+    world = make_world(config)
+    fence = LocalFence(world.frame, survey.geofence).area if survey.geofence else None
     homes = {d.id: (d.home_north_m, d.home_east_m) for d in survey.drones}
     height_m = config.formation.above_home_m
 
     def drawn_map(*, whole_fence: bool) -> str:
         return figures.drawing(
-            lambda: figures.survey_map(
-                tracks, homes, plume, height_m, fence, wind.mean_ned_mps, log, whole_fence=whole_fence
-            )
+            lambda: figures.survey_map(tracks, homes, world, height_m, fence, log, whole_fence=whole_fence)
         )
 
     yield _figure(

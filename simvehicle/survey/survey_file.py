@@ -28,19 +28,17 @@ from flightstack.config import (
 from flightstack.config_file import problems
 from mission.documents.plan_file import read_plan
 from mission.documents.yaml_file import DocumentError, line_of, parse, read_text
-from mission.geometry.frames import Geodetic, LocalFrame, wind_from
+from mission.geometry.frames import LocalFrame
 from mission.geometry.geofence import Circle, Geofence, LocalFence, Vertex
 from sensors.instruments.sensor_error import SensorError
 from simvehicle.autopilot.parameters import Parameters, UnknownParameterError
 from simvehicle.fleet.fleet_config import (
     FARTHEST_HOME_M,
     FaultSpec,
-    GaussianPlume,
-    LocusGridPlume,
-    WindConfig,
 )
 from simvehicle.instruments import make_emulator
-from simvehicle.world.gas import make_plume
+from simvehicle.world.configured import make_world
+from simvehicle.world.world_config import GaussianPlume, WorldConfig
 
 Flavour = Literal["ardupilot", "px4"]
 
@@ -100,11 +98,9 @@ class SurveyFence(Section, frozen=True, kw_only=True):
     exclusion_circles: tuple[Circle, ...] = ()
 
 
-class SurveyConfig(Section, frozen=True, kw_only=True):
+class SurveyConfig(WorldConfig, frozen=True, kw_only=True):
     name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]+$")]
     """Names the swarm and the output directory."""
-    origin: Geodetic
-    """Origin of the swarm's local frame, at the height of the launch points."""
     drones: tuple[SurveyDrone, ...] = ()
     launch_line: LaunchLine | None = None
     """Instead of `drones`."""
@@ -113,10 +109,6 @@ class SurveyConfig(Section, frozen=True, kw_only=True):
     limits: LimitsConfig = LimitsConfig()
     geofence: SurveyFence | None = None
     strategy: StrategyConfig = StrategyConfig()
-    wind: WindConfig = WindConfig()
-    plume: GaussianPlume | LocusGridPlume | None = None
-    background_co2_ppm: Annotated[float, Meta(ge=0.0)] = 420.0
-    seed: int = 0
     speedup: Annotated[float, Meta(gt=0.0, le=20.0)] = 5.0
     """How many times faster than real time everything runs; a busy machine needs a lower one."""
     time_limit_s: Positive = 1800.0
@@ -310,11 +302,10 @@ class _Checks:
                 raise self._fail(f"drones[{index}].parameters", str(error)) from error
 
     def _plume(self) -> None:
-        plume, wind = self._config.plume, self._config.wind
-        if not isinstance(plume, GaussianPlume):
+        if not isinstance(self._config.plume, GaussianPlume):
             return
-        drawn = make_plume(plume, wind_from(wind.speed_mps, wind.from_deg), self._config.origin.amsl_m)
-        most_ppm = drawn.excess_co2_ppm(drawn.source_ned_m, 0.0)
+        gas = make_world(self._config).gas
+        most_ppm = gas.excess_co2_ppm(gas.source_ned_m, 0.0)
         if most_ppm > 1e6:
             raise self._fail(
                 "plume.vent_sd_m",

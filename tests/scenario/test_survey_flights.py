@@ -66,7 +66,7 @@ def assert_found(flight: Scenario, limit_s: float = 900.0) -> None:
     """The flight ends with everybody down, the source found within 5 m, nobody too near, nobody over the fence."""
     assert flight.run_until(lambda: all_landed(flight), limit_s), flight.phases()
     assert flight.source_ned_m is not None
-    assert math.dist(flight.source_ned_m[:2], flight.world.plume.source_ned_m[:2]) < 5.0
+    assert math.dist(flight.source_ned_m[:2], flight.world.gas.source_ned_m[:2]) < 5.0
     assert flight.min_separation_m > 4.0
 
 

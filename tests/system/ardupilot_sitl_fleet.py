@@ -34,7 +34,7 @@ from mission.geometry.frames import Vector3
 from simvehicle.fleet.fleet_clock import FleetClock
 from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec
 from simvehicle.fleet.truth import COLUMNS
-from simvehicle.instruments import Air, make_emulator
+from simvehicle.instruments import make_emulator
 from simvehicle.survey.ports import free_port
 from simvehicle.survey.processes import Processes
 from simvehicle.vehicle.dynamics import in_body
@@ -116,10 +116,8 @@ class Member:
         wind = self._world.wind.wind_ned_mps(self.position_ned_m, now_s)
         own = vehicle.velocity_ned_mps or (0.0, 0.0, 0.0)
         relative = (wind[0] - own[0], wind[1] - own[1], wind[2] - own[2])
-        air = Air(
-            co2_ppm=self._world.co2_ppm(self.position_ned_m, now_s),
-            wind_body_mps=in_body(relative, vehicle.attitude_rad or (0.0, 0.0, 0.0)),
-        )
+        felt = in_body(relative, vehicle.attitude_rad or (0.0, 0.0, 0.0))
+        air = self._world.air_at(self.position_ned_m, now_s, felt)
         for emulator, link in self._instruments:
             emulator.receive(now_s, link.read())
             link.write(emulator.step(now_s, air))

@@ -14,10 +14,11 @@ from typing import Any
 import pytest
 
 from mission.geometry.frames import Geodetic
-from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec, WindConfig
+from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec
 from simvehicle.fleet.process import Fleet, run
 from simvehicle.survey.ports import free_port
 from simvehicle.vehicle.simulated_vehicle import SimulatedVehicle
+from simvehicle.world.world_config import WindConfig
 
 pytestmark = pytest.mark.system
 mavsdk = pytest.importorskip("mavsdk.asyncio", reason="needs the extra 'ground' (mavsdk)")

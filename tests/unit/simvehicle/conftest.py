@@ -10,9 +10,10 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from mission.geometry.frames import Geodetic
-from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec, WindConfig
+from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec
 from simvehicle.vehicle.simulated_vehicle import SimulatedVehicle
 from simvehicle.world.configured import make_world
+from simvehicle.world.world_config import WindConfig
 
 ORIGIN = Geodetic(-5.06, 151.3, 500.0)
 

@@ -7,9 +7,10 @@ import pytest
 from flightstack.autopilot import AutopilotSession, TakenBy
 from flightstack.config import AutopilotConfig
 from mission.geometry.frames import Geodetic, LocalFrame
-from simvehicle.fleet.fleet_config import FleetConfig, GaussianPlume, VehicleSpec
+from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec
 from simvehicle.vehicle.simulated_vehicle import SimulatedVehicle
 from simvehicle.world.configured import make_world
+from simvehicle.world.world_config import GaussianPlume
 
 ORIGIN = Geodetic(-5.06, 151.3, 500.0)
 TICK_S = 0.1

@@ -18,8 +18,7 @@ from simvehicle.fleet.truth import Track
 from simvehicle.survey import figures, report, summary
 from simvehicle.survey.survey_file import Survey, load
 from simvehicle.survey.watch import EventMark, Log, OrderMark, PhaseMark, TreeMark
-from simvehicle.world.gas import make_plume
-from simvehicle.world.wind import GustyWind
+from simvehicle.world.configured import make_world
 
 EXAMPLES = pathlib.Path(__file__).parents[4] / "examples"
 SOURCE: Vector3 = (30.0, -85.0, -10.0)
@@ -64,7 +63,7 @@ def flight(survey: Survey, end_s: float = 420.0) -> tuple[dict[int, Track], Log]
     share = np.clip((times_s - 190.0) / 120.0, 0.0, 1.0)
     north_m, east_m = north_m + share * (SOURCE[0] - north_m), east_m + share * (SOURCE[1] - east_m)
     home = np.clip((times_s - 350.0) / 30.0, 0.0, 1.0)
-    plume = make_plume(survey.config.plume, GustyWind(survey.config.wind, 1).mean_ned_mps, 300.0)
+    gas = make_world(survey.config).gas
     tracks = {}
     for index, drone in enumerate(survey.drones):
         turn = index * 2.0 * math.pi / 4.0
@@ -73,7 +72,8 @@ def flight(survey: Survey, end_s: float = 420.0) -> tuple[dict[int, Track], Log]
         e = (east_m + slot_e) * (1.0 - home) + drone.home_east_m * home
         up_m = np.clip(np.minimum(1.5 * times_s, (400.0 - times_s) * 0.8), 0.0, 10.0)
         flying = up_m > 0.0
-        co2 = plume.excess_map_ppm(n, e, 10.0) * flying + 420.0
+        places_ned_m = np.column_stack([n, e, np.full_like(n, -10.0)])
+        co2 = gas.excesses_co2_ppm(places_ned_m, 0.0) * flying + 420.0
         tracks[drone.id] = Track(
             drone.id, times_s, np.column_stack([n, e, -up_m]), flying, flying,
             tuple("RTL" if drone.id == 3 and t > KILL_S + 6.0 else "GUIDED" for t in times_s),

@@ -17,7 +17,6 @@ from simvehicle.experiments.locus.definitions import FULL_RATES, Options, define
 from simvehicle.experiments.locus.verdicts import begins_to_fail, judge
 from simvehicle.experiments.statistics import bootstrap, deviation_ratio, mean_difference, wilson
 from simvehicle.experiments.table import markdown, summarise
-from simvehicle.fleet.fleet_config import GaussianPlume
 from simvehicle.trials import randomness as luck
 from simvehicle.trials.batch import complete
 from simvehicle.trials.cell import Cell
@@ -29,6 +28,7 @@ from simvehicle.trials.store import Block, Run, Store, blocks
 from simvehicle.trials.trace import Tracks
 from simvehicle.trials.trials_error import TrialsError
 from simvehicle.world.gas import Gaussian
+from simvehicle.world.world_config import GaussianPlume
 
 
 @numba.njit

@@ -51,7 +51,6 @@ _MISSION = (
 )
 _TRIALS = (
     "cell",
-    "compiled",
     "engine",
     "flight",
     "locus",
@@ -65,10 +64,10 @@ _TRIALS = (
 
 def _source_identity() -> str:
     """A short hash of every source file that a trial's outcome depends on."""
-    rules, world = pathlib.Path(str(mission.__file__)).parent, pathlib.Path(__file__).parents[1]
+    rules, world = pathlib.Path(str(mission.__file__)).parent, pathlib.Path(__file__).parent
     files = [rules / f"{name}.py" for name in _MISSION]
     files += [world / "trials" / f"{name}.py" for name in _TRIALS]
-    files.append(world / "world" / "gas.py")
+    files += [world / "compiled.py", *sorted((world / "world").glob("*.py"))]
     digest = hashlib.sha256(numba.__version__.encode())
     for path in files:
         digest.update(path.read_bytes())
