@@ -7,6 +7,7 @@ one link to another.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -18,6 +19,10 @@ class ChannelPeer(NamedTuple):
     link: int
     system: int
     component: int
+
+
+Handler = Callable[["Channel", ChannelPeer, Any], None]
+"""Takes a message that came in on a channel from a peer."""
 
 
 @dataclasses.dataclass(slots=True)

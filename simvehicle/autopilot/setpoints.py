@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from mission.geometry.frames import Geodetic, Vector3
 from simvehicle.autopilot.maneuvers import Navigation
 from simvehicle.vehicle.controller import Motion
-from simvehicle.vehicle.estimator import Estimator
+from simvehicle.vehicle.parts import MotionEstimate
 
 _YAW_IGNORE = mavlink.POSITION_TARGET_TYPEMASK_YAW_IGNORE
 _YAW_RATE_IGNORE = mavlink.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
@@ -30,7 +30,7 @@ _RELATIVE = (
 """The ground is flat here: above terrain is above home."""
 
 
-def position_of(message: Any, nav: Navigation, estimator: Estimator) -> Vector3 | None:
+def position_of(message: Any, nav: Navigation, estimator: MotionEstimate) -> Vector3 | None:
     """The target position in the local frame; None for a frame that is not supported."""
     frame = message.coordinate_frame
     if message.get_type() == "SET_POSITION_TARGET_GLOBAL_INT":
@@ -57,7 +57,7 @@ def global_position(
     longitude_deg: float,
     altitude_m: float,
     nav: Navigation,
-    estimator: Estimator,
+    estimator: MotionEstimate,
 ) -> Vector3 | None:
     """A point in one of the global frames; None where it is no point or the frame is not supported."""
     if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0 and math.isfinite(altitude_m)):
@@ -72,7 +72,7 @@ def global_position(
     return None
 
 
-def motion_of(message: Any, nav: Navigation, estimator: Estimator, *, per_axis: bool) -> Motion | None:
+def motion_of(message: Any, nav: Navigation, estimator: MotionEstimate, *, per_axis: bool) -> Motion | None:
     """What a setpoint wants; None where the frame or a number is not usable.
 
     With `per_axis` (PX4) height and horizontal may be given as position or velocity apart; otherwise (ArduPilot) one

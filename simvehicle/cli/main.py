@@ -69,7 +69,8 @@ def run(
 
     from mission.documents.yaml_file import DocumentError, line_of
     from mission.geometry.frames import Geodetic
-    from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec
+    from simvehicle.drone.drone_spec import VehicleSpec
+    from simvehicle.fleet.fleet_config import FleetConfig
     from simvehicle.world.world_config import WindConfig
 
     if config is not None:
@@ -96,7 +97,8 @@ def run(
     if truth is not None:
         fleet_config = msgspec.structs.replace(fleet_config, truth=str(truth))
 
-    from simvehicle.fleet.process import Fleet, FleetError, run_until_signalled
+    from simvehicle.fleet.fleet_problems import FleetError
+    from simvehicle.fleet.process import Fleet, run_until_signalled
 
     try:
         fleet = Fleet(fleet_config)

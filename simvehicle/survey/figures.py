@@ -20,7 +20,7 @@ from flightstack.swarm.wire import Phase
 from mission.geometry.formation import Layout
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Stage
-from simvehicle.fleet.fleet_config import FaultSpec
+from simvehicle.faults.fault_table import FaultSpec
 from simvehicle.fleet.truth import Track
 from simvehicle.survey.watch import Log, TreeMark
 from simvehicle.world.air import World

@@ -22,7 +22,8 @@ from flightstack.config import (
 )
 from flightstack.recording.shared_clock import Cells
 from mission.documents.yaml_file import DocumentError
-from simvehicle.fleet.fleet_config import EmulatedInstrument, FleetConfig, VehicleSpec
+from simvehicle.drone.drone_spec import EmulatedInstrument, VehicleSpec
+from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.survey.ports import LOOPBACK, free_ports
 from simvehicle.survey.processes import Processes
 from simvehicle.survey.survey_file import Survey, SurveyDrone

@@ -32,10 +32,8 @@ from mission.geometry.frames import LocalFrame
 from mission.geometry.geofence import Circle, Geofence, LocalFence, Vertex
 from sensors.instruments.sensor_error import SensorError
 from simvehicle.autopilot.parameters import Parameters, UnknownParameterError
-from simvehicle.fleet.fleet_config import (
-    FARTHEST_HOME_M,
-    FaultSpec,
-)
+from simvehicle.faults.fault_table import FAULTS, FaultSpec
+from simvehicle.fleet.fleet_config import FARTHEST_HOME_M
 from simvehicle.instruments import make_emulator
 from simvehicle.world.configured import make_world
 from simvehicle.world.world_config import GaussianPlume, WorldConfig
@@ -370,7 +368,7 @@ def _fault_problems(fault: FaultSpec, drones: Mapping[int, SurveyDrone]) -> Iter
         yield "drone", f"there is no drone {fault.drone}, but {list(drones)}"
         return
     names = [i.name for i in drones[fault.drone].instruments or ()]
-    if fault.kind == "unplug" and fault.instrument not in names:
+    if FAULTS[fault.kind].needs_instrument and fault.instrument not in names:
         yield (
             "instrument",
             f"drone {fault.drone} carries no instrument called {fault.instrument!r}, but {names}",

@@ -221,7 +221,7 @@ def test_a_pilots_mode_switch_ends_our_authority_and_the_swarm_goes_on(tmp_path:
     flight = scenario(tmp_path, seed=5)
     flight.run(45.0)
     pilot = flight.members[4]
-    pilot.vehicle.autopilot.set_mode(5)  # LOITER, as by the remote control's switch
+    pilot.vehicle.switch_mode(5)  # LOITER, as by the remote control's switch
     sent: list[bytes] = []
     flight.tap = lambda drone, _now, _inputs, outputs: sent.append(outputs.autopilot) if drone == 4 else None
     flight.run(5.0)
@@ -265,7 +265,7 @@ def test_commands_that_end_a_survey_bring_everybody_down(tmp_path: pathlib.Path,
 def test_a_drone_whose_motors_stop_in_the_air_is_told_to_be_down(tmp_path: pathlib.Path) -> None:
     flight = scenario(tmp_path, seed=8)
     flight.run(40.0)
-    flight.members[2].vehicle.autopilot.disarm("Crash: Disarming")
+    flight.members[2].vehicle.stop_motors("Crash: Disarming")
     assert flight.run_until(lambda: 2 not in dict(flight.trees[1].slots), 15.0)
     told = {e.code: e.text for at_s, e in flight.events if e.sender == 2 and at_s > flight.now_s - 15.0}
     assert told["down"] == "landed: disarmed during the survey"
@@ -289,7 +289,7 @@ def test_a_drone_on_the_ground_does_not_start_a_survey_of_its_own(tmp_path: path
 def test_a_weak_battery_announces_its_own_loss(tmp_path: pathlib.Path) -> None:
     flight = scenario(tmp_path, seed=9)
     flight.run(45.0)
-    flight.members[5].vehicle.autopilot.battery.drop_to(0.2)
+    flight.members[5].vehicle.drop_battery_to(0.2)
     assert flight.run_until(lambda: 5 not in dict(flight.trees[1].slots), 15.0)
     assert_found(flight)
 

@@ -10,7 +10,8 @@ import threading
 import time
 
 from mission.geometry.frames import Geodetic
-from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec
+from simvehicle.drone.drone_spec import VehicleSpec
+from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.fleet.process import Fleet
 from simvehicle.world.world_config import WindConfig
 

@@ -14,10 +14,11 @@ from typing import Any
 import pytest
 
 from mission.geometry.frames import Geodetic
-from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec
+from simvehicle.drone.drone_spec import VehicleSpec
+from simvehicle.drone.simulated_vehicle import SimulatedVehicle
+from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.fleet.process import Fleet, run
 from simvehicle.survey.ports import free_port
-from simvehicle.vehicle.simulated_vehicle import SimulatedVehicle
 from simvehicle.world.world_config import WindConfig
 
 pytestmark = pytest.mark.system
@@ -54,7 +55,7 @@ def flying(flavour: str, port: int) -> Iterator[SimulatedVehicle]:
     thread = threading.Thread(target=run, args=(fleet, stop))
     thread.start()
     try:
-        yield fleet.members[3].vehicle
+        yield fleet.drones.by_id[3].vehicle
     finally:
         stop.set()
         thread.join()

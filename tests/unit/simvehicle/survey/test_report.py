@@ -13,7 +13,9 @@ import pytest
 from flightstack.swarm.wire import Phase, Severity
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Order, Stage
-from simvehicle.fleet.fleet_config import FaultSpec, FleetConfig, VehicleSpec
+from simvehicle.drone.drone_spec import VehicleSpec
+from simvehicle.faults.fault_table import FaultSpec
+from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.fleet.truth import Track
 from simvehicle.survey import figures, report, summary
 from simvehicle.survey.survey_file import Survey, load

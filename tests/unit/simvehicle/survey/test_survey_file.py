@@ -12,7 +12,7 @@ from flightstack.config import FormationConfig, LimitsConfig, StrategyConfig
 from mission.documents.yaml_file import DocumentError
 from mission.strategies.locus.strategy import LocusParameters
 from mission.strategies.mobs import MobsParameters
-from simvehicle.fleet.fleet_config import FaultSpec
+from simvehicle.faults.fault_table import FaultSpec
 from simvehicle.survey.survey_file import (
     LaunchLine,
     SurveyConfig,

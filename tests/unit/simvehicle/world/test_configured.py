@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from mission.geometry.frames import Geodetic
-from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec
+from simvehicle.drone.drone_spec import VehicleSpec
+from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.world.configured import make_world
 from simvehicle.world.world_config import GaussianPlume
 

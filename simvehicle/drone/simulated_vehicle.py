@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
 from flightstack.autopilot.modes import Flavour, mode_name
 from mission.geometry.frames import Vector3
-from simvehicle.autopilot.ardupilot import ArduPilot
-from simvehicle.autopilot.core import Autopilot
-from simvehicle.autopilot.px4 import Px4
-from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec
-from simvehicle.vehicle.dynamics import in_body, quaternion_of
+from simvehicle.autopilot.ardupilot import ARDUPILOT
+from simvehicle.autopilot.autopilot import Autopilot
+from simvehicle.autopilot.parameters import Parameters
+from simvehicle.autopilot.personality import FlavourRecipe
+from simvehicle.autopilot.px4 import PX4
+from simvehicle.drone.drone_spec import VehicleSpec
+from simvehicle.vehicle.dynamics import quaternion_of
 from simvehicle.world.air import World
 
-_FLAVOURS: dict[str, type[Autopilot]] = {"ardupilot": ArduPilot, "px4": Px4}
-_WEAK_BATTERY_FRACTION = {"ardupilot": 0.10, "px4": 0.06}
-"""Below the voltage, or the critical fraction, at which the flavour's battery failsafe acts with stock limits."""
+_FLAVOURS: dict[str, tuple[FlavourRecipe, Callable[[int], str]]] = {
+    "ardupilot": (ARDUPILOT, partial(mode_name, Flavour.ARDUPILOT)),
+    "px4": (PX4, partial(mode_name, Flavour.PX4)),
+}
+"""How each is built, and its words for its custom modes."""
 
 
 class SimulatedVehicle:
@@ -24,10 +33,21 @@ class SimulatedVehicle:
     Raises `ValueError` for parameters that the flavour does not have.
     """
 
-    def __init__(self, spec: VehicleSpec, fleet: FleetConfig, world: World, seed: int) -> None:
+    def __init__(self, spec: VehicleSpec, world: World, *, seed: int, ready_after_s: float) -> None:
+        """`ready_after_s`: from power-up until the autopilot lets itself be armed."""
         self.spec = spec
-        self.autopilot = _FLAVOURS[spec.flavour](spec, fleet, world, seed)
-        self._body = self.autopilot.body
+        recipe, self._mode_name = _FLAVOURS[spec.flavour]
+        self.autopilot = Autopilot(
+            recipe,
+            Parameters(spec.flavour, spec.parameters),
+            world,
+            system=spec.id,
+            home_ned_m=spec.home_ned_m,
+            links=len(spec.links),
+            ready_after_s=ready_after_s,
+            seed=seed,
+        )
+        self._body = self.autopilot.vehicle.body
 
     def receive(self, link_index: int, data: bytes) -> None:
         """Bytes that arrive on the link `spec.links[link_index]`."""
@@ -62,33 +82,32 @@ class SimulatedVehicle:
         """Body to NED, w first."""
         return quaternion_of(self._body.attitude_rad)
 
-    def wind_body_mps(self) -> Vector3:
-        """The air's velocity relative to the vehicle, body frame (forward, right, down): what an anemometer feels."""
-        wind, velocity = self.autopilot.wind_ned_mps, self._body.velocity
-        relative = (wind[0] - velocity[0], wind[1] - velocity[1], wind[2] - velocity[2])
-        return in_body(relative, self._body.attitude_rad)
-
     @property
     def airborne(self) -> bool:
         return not self._body.on_ground
 
     @property
     def armed(self) -> bool:
-        return self.autopilot.armed
+        return self.autopilot.flight.armed
+
+    @property
+    def ready(self) -> bool:
+        """Its autopilot's estimate is good enough to fly with."""
+        return self.autopilot.personality.estimate.ready
 
     @property
     def mode(self) -> str:
         """In the autopilot's own words: GUIDED, RTL, OFFBOARD."""
-        return mode_name(Flavour(self.spec.flavour), self.autopilot.custom_mode)
+        return self._mode_name(self.autopilot.personality.modes.custom_mode)
 
     @property
     def battery_fraction(self) -> float:
-        return self.autopilot.battery.fraction
+        return self.autopilot.vehicle.battery.fraction
 
     # -- what goes wrong ------------------------------------------------------------------------------------
 
     def set_gps(self, working: bool) -> None:
-        self.autopilot.estimator.gps = working
+        self.autopilot.vehicle.estimator.gps = working
 
     def set_silent(self, silent: bool) -> None:
         """Its radio is dead: it neither sends nor hears."""
@@ -98,5 +117,17 @@ class SimulatedVehicle:
         self._body.failed = not working
 
     def weaken_battery(self) -> None:
-        """A cell fails."""
-        self.autopilot.battery.drop_to(_WEAK_BATTERY_FRACTION[self.spec.flavour])
+        """A cell fails: what is left is below the limit at which the stock battery failsafe acts."""
+        self.autopilot.weaken_battery()
+
+    def drop_battery_to(self, fraction: float) -> None:
+        """What is left of its charge is at most this fraction."""
+        self.autopilot.vehicle.battery.drop_to(fraction)
+
+    def switch_mode(self, custom_mode: int) -> None:
+        """As a pilot does with the remote control's switch."""
+        self.autopilot.personality.switch_mode(custom_mode)
+
+    def stop_motors(self, text: str) -> None:
+        """It disarms wherever it is, and says why."""
+        self.autopilot.flight.disarm(text, mavlink.MAV_SEVERITY_INFO)
