@@ -10,7 +10,7 @@ import pytest
 
 from flightstack.agent import Agent, Inputs, Outputs
 from flightstack.config import DroneConfig
-from flightstack.runner import fingerprint
+from flightstack.recording.fingerprint import fingerprint
 from flightstack.swarm.wire import CommandName, Phase, Result
 from flightstack.transport.memory import Conditions, MemoryRadio
 from mission.geometry.geofence import LocalFence
