@@ -118,6 +118,8 @@ class Agent:
         self._strategy = self._new_strategy()
         self._rng = np.random.default_rng((config.seed, config.drone))
         self._decision: Decision | None = None
+        self._word = b""
+        """The strategy's newest word: neighbours hear it also while something else flies the drone."""
         self._strategy_failure = ""
         self._formed_s: float | None = None
         self._best_ppm: float | None = None
@@ -173,6 +175,7 @@ class Agent:
             guarded.held_by if guarded else (),
             self._ticks + inputs.late_ticks,  # that were due, whether they were held or missed
             inputs.late_ticks,
+            self._word,
         )
         told = self._swarm.tell(now_s, notes, phase.outcomes, own)
         status = AgentStatus(
@@ -190,6 +193,7 @@ class Agent:
         self._swarm.begin(now_s, survey, (0.0, 0.0, -self.config.formation.above_home_m))
         self._strategy = self._new_strategy()
         self._decision = None
+        self._word = b""
         self._strategy_failure = ""
         self._formed_s = None
         self._best_ppm = None
@@ -313,6 +317,7 @@ class Agent:
                     ),
                     self._rng,
                 )
+                self._word = self._decision.word
                 return self._decision.intent
             case _:
                 return Hold()

@@ -8,6 +8,7 @@ from flightstack.agent import Inputs, Outputs
 from flightstack.config import DroneConfig
 from flightstack.recording.fingerprint import fingerprint
 from flightstack.recording.recorder import FlightRecorder, RecordingError, unused
+from flightstack.swarm.wire import VERSION
 from mission.documents.yaml_file import fault_of
 
 
@@ -26,7 +27,8 @@ class AgentRecording:
             raise fault_of(file, "record_to", problem) from error
         except RecordingError as error:
             raise fault_of(file, "record_to", str(error)) from error
-        self._recorder.record("/config", now_s, {"config": config, "incarnation": incarnation})
+        about = {"config": config, "incarnation": incarnation, "wire": VERSION}
+        self._recorder.record("/config", now_s, about)
 
     @property
     def path(self) -> pathlib.Path:

@@ -39,6 +39,10 @@ FASTEST_MPS = 200.0
 LARGEST_COUNT = 1 << 31
 """Of epochs, orders and heals: a swarm that made one a second would need 68 years."""
 LONGEST_WORD = 200
+NOTE_AT_MOST_BYTES = 512
+"""Of an order's note: it goes out with every tree message."""
+WORD_AT_MOST_BYTES = 256
+"""Of a strategy's word: it goes out with every state."""
 OLDEST_S = 86_400.0
 MOST_VEHICLES = 255
 """MAVLink has no more system ids."""
@@ -161,6 +165,8 @@ def flaw(decision: Decision) -> str:
                 return f"its velocity {velocity} is none"
     if decision.reading is not None and not _is_reading(decision.reading):
         return "its reading is none"
+    if not _is_bounded(decision.word):
+        return f"its word has {len(decision.word)} bytes, more than {WORD_AT_MOST_BYTES}"
     return "" if decision.order is None else _order(decision.order)
 
 
@@ -177,6 +183,7 @@ def _believable(message: Message) -> Message:
                 (battery is None or math.isfinite(battery))
                 and _is_estimate(message.excess_co2_ppm)
                 and _is_wind(message.wind)
+                and _is_bounded(message.word)
             ):
                 return message
             return msgspec.structs.replace(
@@ -184,10 +191,16 @@ def _believable(message: Message) -> Message:
                 battery_fraction=battery if battery is not None and math.isfinite(battery) else None,
                 excess_co2_ppm=message.excess_co2_ppm if _is_estimate(message.excess_co2_ppm) else None,
                 wind=message.wind if _is_wind(message.wind) else None,
+                word=message.word if _is_bounded(message.word) else b"",
             )
         case Traffic():
             return msgspec.structs.replace(message, vehicles=tuple(filter(_is_vehicle, message.vehicles)))
     return message
+
+
+def _is_bounded(word: bytes) -> bool:
+    """Whether a strategy's word is short enough to be carried; what it says is for the strategy to judge."""
+    return len(word) <= WORD_AT_MOST_BYTES
 
 
 def _is_vehicle(vehicle: TrafficVehicle) -> bool:
@@ -244,18 +257,15 @@ def _tree(state: TreeState, members: Collection[int]) -> str:
 
 
 def _order(order: Order) -> str:
-    if not (0 <= order.sequence < LARGEST_COUNT and 0 <= order.waypoints_since_best < LARGEST_COUNT):
+    if not 0 <= order.sequence < LARGEST_COUNT:
         return "its order's number is no count"
-    places = (order.anchor_ned_m, order.source_ned_m, order.search_start_ned_m)
+    places = (order.anchor_ned_m, order.source_ned_m)
     if not all(place is None or _is_place(place) for place in places):
         return "its order leads nowhere"
-    if not (abs(order.rotation_rad) <= FARTHEST_M and abs(order.search_radius_m) <= FARTHEST_M):
-        return "its order's rotation or search radius is none"
-    best = order.best
-    if best is not None and not (
-        _is_reading(best) and best.excess_co2_ppm > 0.0 and math.isfinite(best.variance_ppm2)
-    ):
-        return "its order's best reading is none"
+    if not abs(order.rotation_rad) <= FARTHEST_M:
+        return "its order's rotation is none"
+    if len(order.note) > NOTE_AT_MOST_BYTES:
+        return f"its order's note has {len(order.note)} bytes, more than {NOTE_AT_MOST_BYTES}"
     return ""
 
 

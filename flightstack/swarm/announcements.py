@@ -30,6 +30,8 @@ class OwnFacts(msgspec.Struct, frozen=True):
     """What held the guard back in this tick."""
     ticks: int
     late_ticks: int
+    word: bytes
+    """What its strategy tells the neighbours' strategies."""
 
 
 class Told(msgspec.Struct, frozen=True):
@@ -122,4 +124,5 @@ class Announcements:
             own.ticks,
             own.late_ticks,
             vehicle.position_age_s or 0.0,
+            own.word,
         )

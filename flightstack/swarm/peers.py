@@ -85,6 +85,7 @@ class Peers:
                 _aged(state.excess_co2_ppm, silence_s),
                 state.wind,
                 is_adrift(silence_s),
+                state.word,
             )
         for drone, (vehicle, at_s) in self._traffic.items():
             age_s = now_s - at_s

@@ -18,7 +18,7 @@ import msgspec
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Order, Reading, Scalar, Wind
 
-VERSION = 2
+VERSION = 3
 
 
 class WireError(ValueError):
@@ -83,6 +83,8 @@ class DroneState(msgspec.Struct, frozen=True, array_like=True, tag="state"):
     late_ticks: int = 0
     position_age_s: float = 0.0
     """Age of position and velocity when this was sent: a vehicle without GPS drifts away from what it says."""
+    word: bytes = b""
+    """What its strategy tells the neighbours' strategies, which alone know what it means."""
 
 
 class TreeState(msgspec.Struct, frozen=True, array_like=True, tag="tree"):

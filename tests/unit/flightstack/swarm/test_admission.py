@@ -15,7 +15,7 @@ from flightstack.agent import Agent, Inputs, PeerMessage
 from flightstack.config_file import load
 from flightstack.flight.strategy_call import consult
 from flightstack.swarm import topics
-from flightstack.swarm.admission import LONGEST_WORD, flaw, refusal
+from flightstack.swarm.admission import LONGEST_WORD, NOTE_AT_MOST_BYTES, WORD_AT_MOST_BYTES, flaw, refusal
 from flightstack.swarm.topics import Topic
 from flightstack.swarm.wire import (
     Command,
@@ -44,7 +44,7 @@ EXAMPLE = pathlib.Path(__file__).parents[4] / "examples" / "drone.yaml"
 MEMBERS = (1, 2, 3, 4, 5)
 NAN, INF = math.nan, math.inf
 READING = Reading(2, 7, (1.0, 2.0, -10.0), 40.0, 4.0)
-ORDER = Order(7, Stage.TRACK, (1.0, 2.0, -10.0), 0.5, None, 3.0, (0.0, 0.0, -10.0), READING, 2)
+ORDER = Order(7, Stage.TRACK, (1.0, 2.0, -10.0), 0.5, None, b"note")
 SLOTS = tuple((drone, slot) for slot, drone in enumerate(MEMBERS))
 TREE = TreeState(2, 1, 0, 2, 2, SLOTS, (), ORDER, (READING,), 2, "survey", ((4, 1), (3, 2)))
 STATE = DroneState(
@@ -107,12 +107,8 @@ def test_a_drone_without_a_sensor_reports_a_reading_of_infinite_variance() -> No
         replace(TREE, order=replace(ORDER, sequence=2**64 - 1)),
         replace(TREE, order=replace(ORDER, anchor_ned_m=(NAN, 0.0, 0.0))),
         replace(TREE, order=replace(ORDER, rotation_rad=INF)),
-        replace(TREE, order=replace(ORDER, search_radius_m=INF)),
-        replace(TREE, order=replace(ORDER, search_start_ned_m=(0.0, 1e9, 0.0))),
         replace(TREE, order=replace(ORDER, source_ned_m=(0.0, NAN, 0.0))),
-        replace(TREE, order=replace(ORDER, best=replace(READING, excess_co2_ppm=0.0))),
-        replace(TREE, order=replace(ORDER, best=replace(READING, variance_ppm2=INF))),
-        replace(TREE, order=replace(ORDER, waypoints_since_best=-(2**62))),
+        replace(TREE, order=replace(ORDER, note=bytes(NOTE_AT_MOST_BYTES + 1))),
         replace(COMMAND, identity=""),
         replace(COMMAND, identity="x" * (LONGEST_WORD + 1)),
         replace(COMMAND, sender="a\nb"),
@@ -144,10 +140,11 @@ def test_estimates_that_are_none_do_not_hide_the_drone_that_sent_them() -> None:
         frame=flyer.frame.identity,
         excess_co2_ppm=Scalar(NAN, -1.0, 0.0),
         wind=Wind((INF, 0.0, 0.0), 1.0, 0.0),
+        word=bytes(WORD_AT_MOST_BYTES + 1),
     )
     flyer.step(1.0, Inputs(peers=(message(topics.STATE, "2", odd),)))
     (neighbour,) = flyer._belief.neighbours(1.1)
-    assert (neighbour.excess_co2_ppm, neighbour.wind) == (None, None)
+    assert (neighbour.excess_co2_ppm, neighbour.wind, neighbour.word) == (None, None, b"")
     assert neighbour.position_ned_m == (1.0, 2.0, -10.0)
 
 
@@ -165,9 +162,12 @@ numbers = st.one_of(st.floats(), st.sampled_from((0.0, 1.0, -10.0, 1e308, NAN, I
 counts = st.one_of(st.integers(-(2**63), 2**64 - 1), st.integers(-1, 6))
 vectors = st.tuples(numbers, numbers, numbers)
 readings = st.builds(Reading, counts, counts, vectors, numbers, numbers)
+locus_notes = st.tuples(st.just("locus"), numbers, st.none() | vectors, st.none() | readings, counts).map(
+    msgspec.msgpack.encode
+)
 orders = st.builds(
-    Order, counts, st.sampled_from(Stage), vectors, numbers, st.none() | vectors, numbers, st.none() | vectors,
-    st.none() | readings, counts,
+    Order, counts, st.sampled_from(Stage), vectors, numbers, st.none() | vectors,
+    locus_notes | st.binary(max_size=600),
 )  # fmt: skip
 assignments = st.one_of(
     st.lists(st.tuples(counts, counts), max_size=6).map(tuple),
@@ -257,6 +257,8 @@ class Says:
         Decision(GoTo((0.0, 0.0, 0.0), NAN)),
         Decision(Velocity((0.0, INF, 0.0))),
         Decision(Hold(), reading=replace(READING, excess_co2_ppm=NAN)),
+        Decision(Hold(), word=bytes(WORD_AT_MOST_BYTES + 1)),
+        Decision(Hold(), order=replace(ORDER, note=bytes(NOTE_AT_MOST_BYTES + 1))),
         Decision(Hold(), order=replace(ORDER, anchor_ned_m=(NAN, 0.0, 0.0))),
     ],
 )

@@ -213,3 +213,8 @@ def test_an_orphan_that_has_landed_is_no_obstacle(belief: Belief) -> None:
     belief.update(20.0, [Received(topics.TRAFFIC, "ground", topics.TRAFFIC.codec.encode(traffic))])
     (neighbour,) = belief.neighbours(20.0)
     assert not neighbour.airborne
+
+
+def test_a_strategys_word_is_heard_by_the_neighbours_strategies(belief: Belief) -> None:
+    belief.update(1.0, [said(msgspec.structs.replace(STATE, word=b"here"))])
+    assert [n.word for n in belief.neighbours(1.1)] == [b"here"]
