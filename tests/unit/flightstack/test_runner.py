@@ -222,9 +222,7 @@ def test_an_autopilot_that_does_not_answer_in_time_is_the_files_fault(rig: Rig) 
     rig.real_s += rig.config.autopilot.answer_timeout_s
     rig.ticks(1)
     rig.real_s += 0.1
-    with pytest.raises(
-        FlightstackError, match=r"drone\.yaml.*autopilot\.link: no autopilot with system id 1"
-    ):
+    with pytest.raises(DocumentError, match=r"drone\.yaml.*autopilot\.link: no autopilot with system id 1"):
         rig.runner.tick()
 
 
