@@ -16,7 +16,8 @@ from collections.abc import Sequence
 import msgspec
 
 from flightstack.config import LimitsConfig
-from flightstack.flight.guidance import FRESH_S, whereabouts
+from flightstack.flight.guidance import whereabouts
+from flightstack.swarm.peers import FRESH_S
 from mission.geometry.frames import Vector3
 from mission.geometry.geofence import LocalFence
 from mission.strategies.contract import GoTo, Hold, Intent, Neighbour, Velocity

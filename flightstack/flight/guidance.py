@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
+from flightstack.swarm.peers import FRESH_S
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Neighbour
 
@@ -41,9 +42,6 @@ def underneath(position_ned_m: Vector3, target_ned_m: Vector3, layer_down_m: flo
 
 COAST_S = 4.0
 """How long a vehicle may fly on after its agent's last word: ArduPilot follows a velocity for 3 s, then brakes."""
-
-FRESH_S = 1.0
-"""A position this young is extended by its velocity; of an older one only the stretch is known that it lies on."""
 
 
 def whereabouts(other: Neighbour, seen_from_ned_m: Vector3) -> Vector3:

@@ -10,8 +10,8 @@ import msgspec
 from flightstack.agent import Agent, Inputs
 from flightstack.config import DroneConfig
 from flightstack.errors import FlightstackError
+from flightstack.recording.fingerprint import fingerprint
 from flightstack.recording.recorder import Record, read_recording, restore
-from flightstack.runner import fingerprint
 from flightstack.swarm.wire import VERSION
 
 

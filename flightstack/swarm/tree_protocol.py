@@ -28,8 +28,8 @@ from collections.abc import Iterable, Mapping
 
 import msgspec
 
-from flightstack.flight.phase import TAKING_PART
-from flightstack.swarm.peers import Belief
+from flightstack.swarm.news import TreeNews
+from flightstack.swarm.peers import PeerFacts
 from flightstack.swarm.wire import TreeState
 from mission.geometry.formation import Layout, rotated
 from mission.geometry.frames import Vector3
@@ -61,19 +61,6 @@ class _Flown(msgspec.Struct):
     @property
     def steady(self) -> bool:
         return self.heard_s - self.since_s >= STEADY_S
-
-
-class TreeNews(msgspec.Struct, frozen=True):
-    """What changed in one tick, for the event log."""
-
-    lost: tuple[int, ...] = ()
-    healed: bool = False
-    moved: bool = False
-    """This drone holds another slot than before and has to fly there."""
-    order: Order | None = None
-    """The order, if it is a new one."""
-    joined: bool = False
-    """This drone left the survey that it had begun for the one that the others fly."""
 
 
 class SwarmTree:
@@ -139,13 +126,13 @@ class SwarmTree:
         self,
         now_s: float,
         heard: Iterable[TreeState],
-        belief: Belief,
+        peers: Mapping[int, PeerFacts],
         decision: Decision | None,
         own_position_ned_m: Vector3 | None,
     ) -> TreeNews:
         """Merge what came, adopt this drone's own decision of the tick before, look for losses, heal."""
         heard = tuple(heard)
-        self._look_at_surveys(now_s, heard, belief)
+        self._look_at_surveys(now_s, heard, peers)
         if self.survey is None:
             return TreeNews()
         joined = self._join_the_foremost(now_s)
@@ -155,8 +142,8 @@ class SwarmTree:
         if decision is not None and self.member:
             self._adopt(decision)
         if self.member:
-            self._watch(now_s, belief)
-            self._heal_if_mine(now_s, belief, own_position_ned_m)
+            self._watch(now_s, peers)
+            self._heal_if_mine(now_s, peers, own_position_ned_m)
         return TreeNews(
             lost=tuple(sorted(self._lost - lost)),
             healed=self.lineage != lineage,
@@ -165,14 +152,14 @@ class SwarmTree:
             joined=joined,
         )
 
-    def place(self, *, moving: bool, belief: Belief, now_s: float) -> TreePlace:
-        """This drone's place. `healing` while somebody is lost or on the way to another's slot."""
+    def place(self, now_s: float, peers: Mapping[int, PeerFacts]) -> TreePlace:
+        """This drone's place. `healing` while somebody is lost or another is on the way to its new slot."""
         if not self.member:
             return TreePlace(self.epoch, -1, dict(self.slots), None, (), None, None, -1, False)
         family = self._family()
-        moving = moving or any(
-            drone in self.slots and peer.state.healing and now_s - peer.heard_s < self._lost_after_s
-            for drone, peer in belief.peers.items()
+        moving = any(
+            drone in self.slots and peer.moving and now_s - peer.heard_s < self._lost_after_s
+            for drone, peer in peers.items()
         )
         return TreePlace(
             self.epoch,
@@ -216,11 +203,13 @@ class SwarmTree:
 
     # -- which survey -----------------------------------------------------------------------------------------
 
-    def _look_at_surveys(self, now_s: float, heard: Iterable[TreeState], belief: Belief) -> None:
+    def _look_at_surveys(
+        self, now_s: float, heard: Iterable[TreeState], peers: Mapping[int, PeerFacts]
+    ) -> None:
         for state in heard:
-            peer = belief.peers.get(state.sender)
+            peer = peers.get(state.sender)
             before = self._flown.pop(state.sender, None)
-            if peer is None or peer.state.phase not in TAKING_PART or not state.survey:
+            if peer is None or not peer.taking_part or not state.survey:
                 continue
             again = before is not None and before.tree.survey == state.survey
             since_s = before.since_s if before is not None and again else now_s
@@ -286,7 +275,7 @@ class SwarmTree:
 
     # -- losses and healing -----------------------------------------------------------------------------------
 
-    def _watch(self, now_s: float, belief: Belief) -> None:
+    def _watch(self, now_s: float, peers: Mapping[int, PeerFacts]) -> None:
         """Find out whether parent and children live, by their voice and by what they say of themselves."""
         if self.order is not None and self.order.stage in (Stage.FOUND, Stage.GIVE_UP):
             return  # everybody is on the way home
@@ -297,20 +286,18 @@ class SwarmTree:
         self._watched_since_s = {d: self._watched_since_s.get(d, now_s) for d in watched}
         early = now_s - self._started_s < JOIN_S
         for drone in sorted(watched - self._lost):
-            silence_s = min(belief.silence_s(now_s, drone), now_s - self._watched_since_s[drone])
-            peer = belief.peers.get(drone)
-            if peer is not None and peer.state.phase in TAKING_PART:
+            silence_s = min(_silence_s(now_s, peers, drone), now_s - self._watched_since_s[drone])
+            peer = peers.get(drone)
+            if peer is not None and peer.taking_part:
                 self._joined.add(drone)
             patience_s = JOIN_S if early and drone not in self._joined else self._lost_after_s
-            left = (
-                peer is not None
-                and peer.state.phase not in TAKING_PART
-                and (drone in self._joined or not early)
-            )
+            left = peer is not None and not peer.taking_part and (drone in self._joined or not early)
             if silence_s > patience_s or left:
                 self._lost.add(drone)
 
-    def _heal_if_mine(self, now_s: float, belief: Belief, own_position_ned_m: Vector3 | None) -> None:
+    def _heal_if_mine(
+        self, now_s: float, peers: Mapping[int, PeerFacts], own_position_ned_m: Vector3 | None
+    ) -> None:
         """Make the next epoch if this drone is the root of the healed tree."""
         if not self._lost:
             return
@@ -330,14 +317,12 @@ class SwarmTree:
         order = self.order or Order(0, Stage.FORM, self._start_ned_m, 0.0)
         anchor_ned_m = order.anchor_ned_m
         if order.stage is not Stage.FORM:
-            where = {
-                d: p.state.position_ned_m for d, p in belief.peers.items() if now_s - p.heard_s < HEARD_S
-            }
+            where = {d: p.position_ned_m for d, p in peers.items() if now_s - p.heard_s < HEARD_S}
             where[self._drone] = own_position_ned_m
             stay = {d: s for d, s in healed.slots.items() if self.slots[d] == s}
             anchor_ned_m = self._stopped_anchor(stay, order, where)
         order = msgspec.structs.replace(order, sequence=order.sequence + 1, anchor_ned_m=anchor_ned_m)
-        heard = sum(belief.silence_s(now_s, drone) < HEARD_S for drone in healed.slots)
+        heard = sum(_silence_s(now_s, peers, drone) < HEARD_S for drone in healed.slots)
         self.lineage += ((1 + heard, self._drone),)
         self.slots = dict(healed.slots)
         self.heals += 1
@@ -359,6 +344,12 @@ class SwarmTree:
             return order.anchor_ned_m
         north_m, east_m = (math.fsum(axis) / len(corners) for axis in zip(*corners, strict=True))
         return north_m, east_m, order.anchor_ned_m[2]
+
+
+def _silence_s(now_s: float, peers: Mapping[int, PeerFacts], drone: int) -> float:
+    """Seconds since `drone` was last heard directly; infinite if never."""
+    peer = peers.get(drone)
+    return now_s - peer.heard_s if peer is not None else math.inf
 
 
 def _counts_in(tree: TreeState, drone: int) -> bool:

@@ -26,7 +26,7 @@ class WireError(ValueError):
 
 
 class Phase(enum.StrEnum):
-    """What one drone is doing. The transitions stand in `flightstack.flight.phase`."""
+    """What one drone is doing. The transitions stand in `flightstack.flight.transitions`."""
 
     DISARMED = "disarmed"
     ARMING = "arming"
@@ -40,6 +40,12 @@ class Phase(enum.StrEnum):
     LANDED = "landed"
     PILOT = "pilot"
     """A person or an autopilot failsafe has the vehicle; we send nothing until a command gives it back."""
+
+
+TAKING_PART = frozenset(
+    {Phase.ARMING, Phase.TAKEOFF, Phase.FORMING, Phase.SEARCHING, Phase.TRACKING, Phase.HOLDING}
+)
+"""The phases of a live member of the survey; any other phase after the start announces that it left."""
 
 
 class DroneState(msgspec.Struct, frozen=True, array_like=True, tag="state"):

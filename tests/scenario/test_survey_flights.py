@@ -10,7 +10,7 @@ import pytest
 
 from flightstack.agent import Agent, Inputs, Outputs
 from flightstack.config import DroneConfig
-from flightstack.runner import fingerprint
+from flightstack.recording.fingerprint import fingerprint
 from flightstack.swarm.wire import CommandName, Phase, Result
 from flightstack.transport.memory import Conditions, MemoryRadio
 from mission.geometry.geofence import LocalFence
@@ -68,6 +68,7 @@ def assert_found(flight: Scenario, limit_s: float = 900.0) -> None:
     assert flight.source_ned_m is not None
     assert math.dist(flight.source_ned_m[:2], flight.world.gas.source_ned_m[:2]) < 5.0
     assert flight.min_separation_m > 4.0
+    assert [event.text for _, event in flight.events if event.code == "defect"] == []
 
 
 def fence_of(flight: Scenario) -> LocalFence:

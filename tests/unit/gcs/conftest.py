@@ -128,17 +128,18 @@ def make_state(drone: int, **changes: Any) -> DroneState:
     return msgspec.structs.replace(state, **changes)
 
 
-def make_tree(drone: int, members: tuple[int, ...], **changes: Any) -> TreeState:
+def make_tree(drone: int, members: tuple[int, ...], *, epoch: int = 1, **changes: Any) -> TreeState:
     tree = TreeState(
         sender=drone,
         incarnation=100 + drone,
         frame=FRAME.identity,
-        epoch=1,
+        epoch=epoch,
         author=1,
         slots=tuple((member, index) for index, member in enumerate(members)),
         lost=(),
         order=None,
         readings=(),
+        lineage=((len(members), 1),) * epoch,
     )
     return msgspec.structs.replace(tree, **changes)
 

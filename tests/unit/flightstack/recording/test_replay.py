@@ -9,9 +9,9 @@ import pytest
 
 from flightstack.agent import Agent, Inputs
 from flightstack.config_file import load
+from flightstack.recording.fingerprint import fingerprint
 from flightstack.recording.recorder import FlightRecorder
 from flightstack.recording.replay import ReplayError, replay
-from flightstack.runner import fingerprint
 from flightstack.swarm.wire import VERSION
 
 EXAMPLE = pathlib.Path(__file__).parents[4] / "examples" / "drone.yaml"

@@ -10,11 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flightstack.swarm.admission import refusal
-from flightstack.swarm.peers import Belief
-from flightstack.swarm.topics import STATE
+from flightstack.swarm.peers import Peers
 from flightstack.swarm.tree_protocol import SwarmTree
 from flightstack.swarm.wire import DroneState, Phase, TreeState
-from flightstack.transport import Received
 from mission.geometry.formation import make_layout, rotated
 from mission.geometry.frames import Geodetic, LocalFrame, Vector3
 from mission.strategies.contract import Decision, Hold, Order, Reading, Stage
@@ -29,7 +27,7 @@ class Node:
     def __init__(self, drone: int, members: tuple[int, ...]) -> None:
         self.drone = drone
         self.layout = make_layout("hexagonal", 10.0)
-        self.belief = Belief(drone, members, FRAME)
+        self.peers = Peers(drone)
         self.tree = SwarmTree(
             drone, members, self.layout, frame_identity=FRAME.identity, incarnation=1, lost_after_s=3.0
         )
@@ -98,8 +96,8 @@ class Network:
                     if self.hears is not None and sender not in self.hears[node.drone]:
                         continue
                     trees.append(tree)
-                    node.belief.update(self.now_s, [Received(STATE, str(sender), STATE.codec.encode(state))])
-                node.tree.step(self.now_s, trees, node.belief, node.decision, node.position)
+                    node.peers.hear(self.now_s, state)
+                node.tree.step(self.now_s, trees, node.peers.facts(), node.decision, node.position)
                 node.decision = None
 
     def agreed(self) -> dict[int, int]:
@@ -159,7 +157,7 @@ def test_a_dead_drone_is_healed_around(victim: int) -> None:
 def test_root_and_its_heir_die_together() -> None:
     network = Network(7)
     network.run(1.0)
-    place = network.nodes[1].tree.place(moving=False, belief=network.nodes[1].belief, now_s=network.now_s)
+    place = network.nodes[1].tree.place(network.now_s, network.nodes[1].peers.facts())
     assert place.heir is not None
     network.dead |= {1, place.heir}
     network.run(12.0)
@@ -207,7 +205,7 @@ def test_knowledge_of_another_survey_changes_nothing() -> None:
     network = Network(3)
     node = network.nodes[2]
     foreign = TreeState(1, 1, FRAME.identity, 1, 1, ((2, 0),), (), None, (), 0, "survey-0", ((2, 1),))
-    node.tree.step(0.1, [foreign], node.belief, None, START)
+    node.tree.step(0.1, [foreign], node.peers.facts(), None, START)
     assert node.tree.epoch == 0
 
 
@@ -215,7 +213,7 @@ def test_an_assignment_that_is_no_tree_is_not_adopted() -> None:
     network = Network(3)
     node = network.nodes[2]
     broken = TreeState(1, 1, FRAME.identity, 1, 1, ((2, 0), (3, 0)), (), None, (), 0, "survey-1", ((2, 1),))
-    node.tree.step(0.1, [broken], node.belief, None, START)
+    node.tree.step(0.1, [broken], node.peers.facts(), None, START)
     assert node.tree.epoch == 0
 
 
@@ -311,7 +309,7 @@ def test_a_member_that_tells_whatever_it_likes_cannot_split_the_others_for_good(
                 order=Order(chance.randrange(1000), Stage.SEARCH, START, 0.0),
             )
             assert refusal(lie, members) == ""
-            node.tree.step(network.now_s, [lie], node.belief, None, node.position)
+            node.tree.step(network.now_s, [lie], node.peers.facts(), None, node.position)
         network.run(chance.uniform(0.1, 4.0))
     network.dead.add(liar)
     network.run(5.0 * count + 5.0)
