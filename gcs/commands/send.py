@@ -6,7 +6,7 @@ import time
 
 from flightstack.swarm import topics
 from flightstack.swarm.wire import CommandName, CommandOutcome, DroneState, GroundReport, WireError
-from gcs.commands.survey import SurveyCommand
+from gcs.commands.survey_command import SurveyCommand
 from gcs.connection import Connection
 
 POLL_S = 0.05

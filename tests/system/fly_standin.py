@@ -155,7 +155,7 @@ def broken(part: str, config: pathlib.Path) -> list[str]:
 def main() -> None:
     part, path = sys.argv[1], pathlib.Path(sys.argv[2])
     if part == "fly":
-        from simvehicle.survey.fly import fly, words
+        from simvehicle.survey.conduct import fly, words
         from simvehicle.survey.survey_file import load as load_survey
 
         flown = fly(load_survey(path), out=pathlib.Path(sys.argv[3]), commands=standin)

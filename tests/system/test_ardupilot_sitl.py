@@ -16,7 +16,7 @@ import types
 
 import pytest
 
-from simvehicle.survey.fly import fly
+from simvehicle.survey.conduct import fly
 from simvehicle.survey.supervisor import SurveyOutcome
 from simvehicle.survey.survey_file import load
 
