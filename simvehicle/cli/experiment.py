@@ -72,9 +72,10 @@ def experiment(
     with one_line():
         import json
 
-        from simvehicle.experiments.locus.definitions import Options, define
-        from simvehicle.experiments.locus.verdicts import Verdict
-        from simvehicle.experiments.run import run_experiment, write_report
+        from simvehicle.experiments.experiment import Options, Verdict
+        from simvehicle.experiments.page import write_report
+        from simvehicle.experiments.papers import paper_of
+        from simvehicle.experiments.run import run_experiment
         from simvehicle.trials.cell import Cell
 
         base = Cell(
@@ -96,7 +97,7 @@ def experiment(
             trials=trials,
             base=base,
         )
-        define(name, options)  # wrong options are told before anything is compiled
+        paper_of(name).define(name, options)  # wrong options are told before anything is compiled
         tell_compiling()
         with _progress(name) as progress:
             report = run_experiment(

@@ -110,7 +110,6 @@ def _draw(
     recorded: Any, cell: Cell, out: pathlib.Path, *, plot: bool, film: str | None
 ) -> list[pathlib.Path]:
     from simvehicle.experiments import picture
-    from simvehicle.experiments.locus import figures
     from simvehicle.trials.trials_error import TrialsError
 
     if not plot and film is None:
@@ -121,7 +120,7 @@ def _draw(
         out.mkdir(parents=True, exist_ok=True)
         if plot:
             files.append(out / f"{stem}.png")
-            figures.save(picture.picture(recorded, cell), files[-1])
+            picture.save(picture.picture(recorded, cell), files[-1])
         if film is not None:
             files.append(out / f"{stem}.{film}")
             picture.film(recorded, cell, files[-1])
