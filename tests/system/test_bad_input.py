@@ -26,11 +26,14 @@ AWAY = "[[-5.0830, 151.2970], [-5.0830, 151.3030], [-5.0770, 151.3030], [-5.0770
 LINE = "launch_line:\n  count: 5\n  flavour: ardupilot\n  spacing_m: 6.0\n  towards_deg: 50.0\n"
 
 
+MODULES = {"flightstack": "flightstack.cli", "gcs": "gcs.cli.main", "simvehicle": "simvehicle.cli.main"}
+
+
 def run(*arguments: str | pathlib.Path, cwd: pathlib.Path, seconds: float = 60.0) -> tuple[int, str, str]:
     """A command's exit code, output and error output; `arguments` begin with the package."""
     package, *rest = map(str, arguments)
     done = subprocess.run(
-        [sys.executable, "-m", f"{package}.cli", *rest],
+        [sys.executable, "-m", MODULES[package], *rest],
         capture_output=True,
         text=True,
         timeout=seconds,

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
-import random
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.autopilot import AutopilotSession, RequestKind, RequestOutcome, TakenBy
 from flightstack.config import AutopilotConfig
+from flightstack.swarm.topics import Delivery
+from flightstack.transport.memory import Conditions, LossyLink
 from mission.geometry.frames import Geodetic, LocalFrame
 
 TICK_S = 0.1
@@ -21,6 +22,8 @@ FLAVOURS = ("ardupilot", "px4")
 GUIDED, LOITER, RTL, LAND, BRAKE = 4, 5, 6, 9, 17
 OFFBOARD, PX4_HOLD, PX4_RTL, PX4_LAND = 6 << 16, 3 << 24 | 4 << 16, 5 << 24 | 4 << 16, 6 << 24 | 4 << 16
 POSITION_MODE = 3 << 16
+SOUND = Conditions()
+BAD = Conditions(loss=0.1, duplication=0.3, delay_s=0.1, jitter_s=0.1, reordering=0.3, held_back_s=0.2)
 
 
 class ScriptedAutopilot:
@@ -260,22 +263,21 @@ class ScriptedAutopilot:
             ]
 
 
-class Link:
-    """Chunks of bytes that arrive later, twice, in another order, or not."""
+class Wire:
+    """One direction between session and autopilot, as bad as a link of the swarm's radio can be."""
 
-    def __init__(self, seed: int, loss: float, repeat: float, delay_s: float):
-        self.random = random.Random(seed)
-        self.loss, self.repeat, self.delay_s = loss, repeat, delay_s
+    def __init__(self, seed: int, sender: str, receiver: str, conditions: Conditions):
+        self.link = LossyLink(seed, sender, receiver)
+        self.conditions = conditions
+        self.cut = False
         self.flying: list[tuple[float, int, bytes]] = []
         self.count = 0
 
     def send(self, now_s: float, data: bytes) -> None:
-        for frame in frames_of(data):
-            for _ in range(1 + (self.random.random() < self.repeat)):
-                if self.random.random() >= self.loss:
-                    self.count += 1
-                    due_s = now_s + self.random.uniform(0.0, self.delay_s)
-                    self.flying.append((due_s, self.count, frame))
+        for frame in () if self.cut else frames_of(data):
+            for due_s in self.link.arrivals_s(now_s, self.conditions, Delivery.BEST_EFFORT):
+                self.count += 1
+                self.flying.append((due_s, self.count, frame))
 
     def receive(self, now_s: float) -> bytes:
         due = sorted(item for item in self.flying if item[0] <= now_s)
@@ -295,13 +297,11 @@ def frames_of(data: bytes) -> list[bytes]:
 class World:
     """A session and its scripted autopilot, ticked together."""
 
-    def __init__(
-        self, flavour: str, *, parameters=None, config=None, loss=0.0, repeat=0.0, delay_s=0.0, seed=1, **kw
-    ):
+    def __init__(self, flavour: str, *, parameters=None, config=None, link: Conditions = SOUND, seed=1, **kw):
         self.autopilot = ScriptedAutopilot(flavour, parameters=parameters, **kw)
         self.session = AutopilotSession(3, FRAME, AutopilotConfig(link="unused", **(config or {})))
-        self.up = Link(seed, loss, repeat, delay_s)
-        self.down = Link(seed + 1, loss, repeat, delay_s)
+        self.up = Wire(seed, "companion", "autopilot", link)
+        self.down = Wire(seed, "autopilot", "companion", link)
         self.ticks = 0
         self.results = []
         self.texts: list[str] = []
@@ -354,18 +354,18 @@ class World:
 
 
 LINKS = [
-    pytest.param({}, id="sound"),
-    pytest.param({"loss": 0.2, "seed": 11}, id="losing"),
-    pytest.param({"repeat": 0.5, "seed": 12}, id="repeating"),
-    pytest.param({"delay_s": 0.4, "seed": 13}, id="late"),
-    pytest.param({"loss": 0.1, "repeat": 0.3, "delay_s": 0.3, "seed": 14}, id="bad"),
+    pytest.param(SOUND, id="sound"),
+    pytest.param(Conditions(loss=0.2), id="losing"),
+    pytest.param(Conditions(duplication=0.5), id="repeating"),
+    pytest.param(Conditions(delay_s=0.1, jitter_s=0.1, reordering=0.5, held_back_s=0.2), id="late"),
+    pytest.param(BAD, id="bad"),
 ]
 
 
 @pytest.mark.parametrize("link", LINKS)
 @pytest.mark.parametrize("flavour", FLAVOURS)
 def test_a_whole_flight(flavour, link):
-    world = World(flavour, ready_s=8.0, **link)
+    world = World(flavour, ready_s=8.0, link=link)
     world.run(3.0)
     assert not world.report.ready
     assert world.report.ready_reason
@@ -393,7 +393,7 @@ def test_a_whole_flight(flavour, link):
 
 @pytest.mark.parametrize("flavour", FLAVOURS)
 def test_the_same_flight_twice_sends_the_same_bytes(flavour):
-    worlds = [World(flavour, loss=0.1, delay_s=0.2, seed=5).fly() for _ in range(2)]
+    worlds = [World(flavour, link=BAD, seed=5).fly() for _ in range(2)]
     assert worlds[0].sent == worlds[1].sent
 
 
@@ -490,7 +490,7 @@ def test_an_unanswered_command_is_repeated_with_a_confirmation_and_then_named():
 
 def test_a_return_is_asked_for_also_when_nothing_is_heard_any_more():
     world = World("ardupilot", ready_s=0.0).fly()
-    world.down.loss = 1.0
+    world.down.cut = True
     world.run(8.0)
     assert not world.report.connected
     assert world.until(RequestKind.RETURN, world.session.rtl).outcome is RequestOutcome.NO_ANSWER
@@ -620,7 +620,7 @@ def test_parameters_are_set_as_the_flavour_writes_them(loss):
     packed = 2.802596928649634e-45  # the bytes of the integer 2
     config = {"parameters": {"FENCE_ENABLE": 1.0, "WPNAV_SPEED": 500.0}}
     ardupilot = World(
-        "ardupilot", ready_s=0.0, loss=loss, config=config,
+        "ardupilot", ready_s=0.0, link=Conditions(loss=loss), seed=2, config=config,
         parameters={"FENCE_ENABLE": (0.0, mavlink.MAV_PARAM_TYPE_INT8), "WPNAV_SPEED": (500.0, 9)},
     )  # fmt: skip
     assert not ardupilot.session.prepared
@@ -630,7 +630,7 @@ def test_parameters_are_set_as_the_flavour_writes_them(loss):
 
     config = {"parameters": {"NAV_DLL_ACT": 2.0, "MPC_XY_CRUISE": 6.5}}
     px4 = World(
-        "px4", ready_s=0.0, loss=loss, config=config,
+        "px4", ready_s=0.0, link=Conditions(loss=loss), seed=2, config=config,
         parameters={"NAV_DLL_ACT": (0.0, integer), "MPC_XY_CRUISE": (5.0, 9)},
     )  # fmt: skip
     assert px4.until(RequestKind.PREPARE, px4.session.prepare).outcome is RequestOutcome.SUCCEEDED
