@@ -167,7 +167,7 @@ def main() -> None:
     elif part == "agent":
         agent(load(path))
     else:
-        time.sleep(600.0)
+        signal.pause()
 
 
 if __name__ == "__main__":
