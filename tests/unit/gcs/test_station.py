@@ -16,7 +16,7 @@ from gcs.mavlink_port import MavlinkPort
 from gcs.station import Station
 
 
-class World:
+class Surroundings:
     """A station with agents on its radio and vehicles on its link, at 10 Hz of simulated time."""
 
     def __init__(self, config, state, on_air):
@@ -69,7 +69,7 @@ class World:
 
 @pytest.fixture
 def world(ground_config, state, on_air):
-    return World(ground_config, state, on_air)
+    return Surroundings(ground_config, state, on_air)
 
 
 def test_heartbeats_and_beats_once_a_second(world):
