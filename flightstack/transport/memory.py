@@ -50,8 +50,8 @@ class Conditions:
             raise ValueError("a delay is negative")
 
 
-class _Link:
-    """One direction between two nodes: its conditions, its randomness, and when it delivers."""
+class LossyLink:
+    """One direction between two nodes: its randomness, and when it delivers."""
 
     def __init__(self, seed: int, sender: str, receiver: str) -> None:
         self._random = random.Random(f"{seed}/{sender}/{receiver}")
@@ -149,7 +149,7 @@ class MemoryRadio:
         self._seed = seed
         self._nodes: dict[str, MemoryTransport] = {}
         self._positions: dict[str, Callable[[], Vector3]] = {}
-        self._links: dict[tuple[str, str], _Link] = {}
+        self._links: dict[tuple[str, str], LossyLink] = {}
         self._special: dict[tuple[str, str], Conditions] = {}
         self._cuts: dict[str, frozenset[str]] = {}
         self._off: set[str] = set()
@@ -219,7 +219,7 @@ class MemoryRadio:
             pair = (sender, receiver)
             link = self._links.get(pair)
             if link is None:
-                link = self._links[pair] = _Link(self._seed, sender, receiver)
+                link = self._links[pair] = LossyLink(self._seed, sender, receiver)
             conditions = self._special.get(pair, self.conditions)
             for due_s in link.arrivals_s(self.now_s, conditions, topic.delivery):
                 heapq.heappush(self._in_flight, (due_s, next(self._order), receiver, message))

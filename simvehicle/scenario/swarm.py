@@ -1,7 +1,7 @@
 """A whole swarm in one process, on simulated time: the same agents, autopilots, instruments and bytes as in flight.
 
-Deterministic by seed and as fast as the machine allows: thousands of faulty flights as tests. Nothing here is
-faster or simpler than in flight except the waiting.
+Deterministic by seed and as fast as the machine allows: whole flights under faults as tests (`tests/scenario`).
+Nothing here is faster or simpler than in flight except the waiting.
 """
 
 from __future__ import annotations
