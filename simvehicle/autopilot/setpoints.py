@@ -17,6 +17,9 @@ from simvehicle.vehicle.parts import MotionEstimate
 
 _YAW_IGNORE = mavlink.POSITION_TARGET_TYPEMASK_YAW_IGNORE
 _YAW_RATE_IGNORE = mavlink.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
+_HORIZONTAL_M, _DOWN_M, _ALL_M = 0b000011, 0b000100, 0b000111
+_HORIZONTAL_MPS, _DOWN_MPS, _ALL_MPS = 0b011000, 0b100000, 0b111000
+"""Bits of the type mask that ignore a position's and a velocity's axes."""
 _BODY = (mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_OFFSET_NED, mavlink.MAV_FRAME_BODY_FRD)
 _OFFSET = (mavlink.MAV_FRAME_LOCAL_OFFSET_NED, mavlink.MAV_FRAME_BODY_OFFSET_NED)
 _LOCAL = (mavlink.MAV_FRAME_LOCAL_NED, *_OFFSET, *_BODY)
@@ -79,32 +82,28 @@ def motion_of(message: Any, nav: Navigation, estimator: MotionEstimate, *, per_a
     ignored axis ignores all three.
     """
     mask = message.type_mask
-    ignored_m, ignored_mps = (
-        [bool(mask & bit) for bit in (1, 2, 4)],
-        [bool(mask & bit) for bit in (8, 16, 32)],
-    )
     if not per_axis:
-        ignored_m, ignored_mps = [any(ignored_m)] * 3, [any(ignored_mps)] * 3
+        mask |= (_ALL_M if mask & _ALL_M else 0) | (_ALL_MPS if mask & _ALL_MPS else 0)
     motion = Motion(horizontal_mps=(0.0, 0.0), down_mps=0.0)
-    if not all(ignored_mps):
+    if mask & _ALL_MPS != _ALL_MPS:
         velocity = message.vx, message.vy, message.vz
         if message.coordinate_frame in _BODY:
             velocity = turned(velocity, nav.yaw_rad)
-        if not all(map(math.isfinite, velocity)):
+        if not math.isfinite(velocity[0] + velocity[1] + velocity[2]):
             return None
-        if not (ignored_mps[0] or ignored_mps[1]):
+        if not mask & _HORIZONTAL_MPS:
             motion.horizontal_mps = velocity[0], velocity[1]
-        if not ignored_mps[2]:
+        if not mask & _DOWN_MPS:
             motion.down_mps = velocity[2]
-    if not all(ignored_m):
+    if mask & _ALL_M != _ALL_M:
         position = position_of(message, nav, estimator)
         if position is None or not all(
-            math.isfinite(position[axis]) for axis in (0, 1, 2) if not ignored_m[axis]
+            math.isfinite(position[axis]) for axis in (0, 1, 2) if not mask & 1 << axis
         ):
             return None
-        if not (ignored_m[0] or ignored_m[1]):
+        if not mask & _HORIZONTAL_M:
             motion.horizontal_m = position[0], position[1]
-        if not ignored_m[2]:
+        if not mask & _DOWN_M:
             motion.down_m = position[2]
     if not mask & _YAW_IGNORE and math.isfinite(message.yaw):
         body = nav.yaw_rad if message.coordinate_frame in _BODY else 0.0

@@ -15,6 +15,7 @@ from simvehicle.autopilot.flight import Flight
 from simvehicle.autopilot.message_streams import Build
 from simvehicle.autopilot.reports import EstimatorReport
 from simvehicle.vehicle.dynamics import DRAG_PER_S, GRAVITY_MPS2, in_body, quaternion_of
+from simvehicle.world.atmosphere import air_pressure_pa
 
 _NAN = math.nan
 
@@ -147,8 +148,7 @@ class MotionTelemetry:
         )
 
     def _pressure_hpa(self) -> float:
-        """The International Standard Atmosphere at the vehicle's altitude."""
-        return float(1013.25 * (1.0 - 2.25577e-5 * self._flight.vehicle.amsl_m) ** 5.25588)
+        return air_pressure_pa(self._flight.vehicle.amsl_m) / 100.0
 
     def _scaled_pressure(self) -> Any:
         return mavlink.MAVLink_scaled_pressure_message(self._boot_ms(), self._pressure_hpa(), 0.0, 2000)
