@@ -7,7 +7,7 @@ from functools import partial
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flightstack.autopilot.modes import Flavour, mode_name
+from flightstack.mavlink.modes import Flavour, mode_name
 from mission.geometry.frames import Vector3
 from simvehicle.autopilot.ardupilot import ARDUPILOT
 from simvehicle.autopilot.autopilot import Autopilot

@@ -6,11 +6,11 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flightstack.autopilot.modes import Flavour, mode_name
-from flightstack.autopilot.session import EVENTS, STATES
-from flightstack.mavlink.framing import FrameReader
+from flightstack.autopilot.session import RATES_HZ
+from flightstack.autopilot.telemetry import EVENTS, STATES, Telemetry
+from flightstack.mavlink.codec import MavlinkCodec
 from flightstack.mavlink.message_rates import StreamRequests
-from flightstack.mavlink.telemetry import Telemetry
+from flightstack.mavlink.modes import Flavour
 from mission.geometry.frames import LocalFrame, Vector3
 from simvehicle.faults.fault_table import FaultKind
 
@@ -36,14 +36,13 @@ class ReportedVehicle:
     def __init__(self, system: int, frame: LocalFrame, home_ned_m: Vector3) -> None:
         self._home = home_ned_m
         self._vehicle = Telemetry(system, frame, Flavour.ARDUPILOT)
-        self._reader = FrameReader(system, STATES, EVENTS)
-        self._streams = StreamRequests()
+        self._codec = MavlinkCodec(
+            MONITOR, mavlink.MAV_COMP_ID_MISSIONPLANNER, STATES, EVENTS, only_system=system
+        )
+        self._streams = StreamRequests(RATES_HZ)
         self._system = system
         self._now_s = 0.0
         self._boot_s: float | None = None
-        self._encoder = mavlink.MAVLink(
-            None, srcSystem=MONITOR, srcComponent=mavlink.MAV_COMP_ID_MISSIONPLANNER
-        )
         self._said: list[tuple[int, bytes]] = []
         self._parameters: dict[str, float] = {}
         """Not yet confirmed."""
@@ -52,15 +51,14 @@ class ReportedVehicle:
     # -- bytes ----------------------------------------------------------------------------------------------
 
     def receive(self, link_index: int, data: bytes) -> None:  # noqa: ARG002 - there is one link
-        for message in self._reader.read(self._now_s, data):
-            if not self._vehicle.accept(self._now_s, message):
+        for message in self._codec.receive(self._now_s, data):
+            if not self._vehicle.hear(self._now_s, message):
                 continue
-            self._streams.received(self._now_s, message.get_msgId())
-            kind = message.get_type()
-            if kind == "COMMAND_ACK" and message.target_system == MONITOR:
-                self._streams.acknowledge(self._now_s, message.command, message.result)
-            elif kind == "PARAM_VALUE":
-                self._confirm(str(message.param_id), message.param_value)
+            fields = message.fields
+            if message.name == "COMMAND_ACK" and self._codec.is_answer_to_us(message):
+                self._streams.acknowledge(self._now_s, fields.command, fields.result)
+            elif message.name == "PARAM_VALUE":
+                self._confirm(fields.param_id, fields.param_value)
         self._vehicle.clear_news()
         if self._boot_s is None and self._vehicle.boot_ms is not None:
             self._boot_s = self._now_s - self._vehicle.boot_ms * 1e-3
@@ -77,8 +75,7 @@ class ReportedVehicle:
         return said
 
     def _send(self, message: Any) -> None:
-        self._said.append((0, bytes(message.pack(self._encoder))))
-        self._encoder.seq = (self._encoder.seq + 1) % 256
+        self._said.append((0, self._codec.encode(message)))
 
     # -- what it reports ------------------------------------------------------------------------------------
 
@@ -90,7 +87,7 @@ class ReportedVehicle:
 
     @property
     def position_ned_m(self) -> Vector3:
-        return self._vehicle.position_ned_m() or self._home
+        return self._vehicle.position_ned_m or self._home
 
     @property
     def velocity_ned_mps(self) -> Vector3:
@@ -110,8 +107,7 @@ class ReportedVehicle:
 
     @property
     def mode(self) -> str:
-        number = self._vehicle.custom_mode
-        return "" if number is None else mode_name(Flavour.ARDUPILOT, number)
+        return self._vehicle.mode
 
     @property
     def battery_fraction(self) -> float:

@@ -10,6 +10,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.config import SwarmConfig
+from flightstack.mavlink import vehicle_state
+from flightstack.mavlink.codec import MavlinkCodec
 from flightstack.swarm import topics
 from flightstack.swarm.topics import Topic
 from flightstack.swarm.wire import DroneState, Phase, TreeState
@@ -181,16 +183,14 @@ class TalkingFleet:
         self._sequence = 0
 
     def tick(self, now_s: float) -> FleetView:
-        from gcs.mavlink_port import MavlinkPort
-
         self._sequence += 1
         for drone, changes in self.talking.items():
             self.view.receive_peer(now_s, received(make_state(drone, sequence=self._sequence, **changes)))
             if drone in self.trees:
                 self.view.receive_peer(now_s, received(self.trees[drone]))
-        port = MavlinkPort(255)
+        codec = MavlinkCodec(255, 190, vehicle_state.STATES, vehicle_state.EVENTS)
         for vehicle in self.flying.values():
-            for message in port.decode(vehicle.everything()):
+            for message in codec.receive(now_s, vehicle.everything()):
                 self.view.receive_mavlink(now_s, 0, message)
         return self.view
 
