@@ -29,6 +29,7 @@ def check_directory(file: pathlib.Path) -> None:
 
 
 def write(file: pathlib.Path, text: str) -> None:
+    """Write a file; `GroundError` names it where that cannot be."""
     try:
         file.write_text(text, encoding="utf-8")
     except OSError as error:

@@ -94,7 +94,7 @@ def full(summaries: Sequence[Summary]) -> str:
 
 
 def by_rate(summaries: Sequence[Summary]) -> str:
-    """Success by failure rate, in Markdown: a row a decade, a column a plume, size, strategy and healing."""
+    """Success by failure rate, in Markdown: a row a decade (a rate, where no decade was flown), a column a line."""
     found: dict[str, dict[float, str]] = {}
     sizes = {one["drones"] for one in summaries}
     for one in summaries:
@@ -107,10 +107,10 @@ def by_rate(summaries: Sequence[Summary]) -> str:
         "| failure rate | " + " | ".join(found) + " |",
         "| " + " | ".join("---" for _ in range(1 + len(found))) + " |",
     ]
-    for rate in sorted({rate for column in found.values() for rate in column}):
-        if f"{rate:.0e}".startswith("1e"):
-            cells = (column.get(rate, "-") for column in found.values())
-            lines.append(f"| {rate:.0e} | " + " | ".join(cells) + " |")
+    rates = sorted({rate for column in found.values() for rate in column})
+    for rate in [rate for rate in rates if f"{rate:.0e}".startswith("1e")] or rates:
+        cells = (column.get(rate, "-") for column in found.values())
+        lines.append(f"| {rate:.0e} | " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
 
 

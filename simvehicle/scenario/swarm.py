@@ -1,6 +1,6 @@
 """A whole swarm in one process, on simulated time: the same agents, autopilots, instruments and bytes as in flight.
 
-Deterministic by seed and as fast as the machine allows: whole flights under faults as tests (`tests/scenario`).
+Deterministic by seed and as fast as the machine allows: `pytest tests/scenario` flies whole surveys under faults.
 Nothing here is faster or simpler than in flight except the waiting.
 """
 

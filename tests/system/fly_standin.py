@@ -114,17 +114,17 @@ def _home(config: DroneConfig) -> Vector3:
 def vehicles(fleet: FleetConfig) -> None:
     assert fleet.truth is not None
     assert fleet.clock is not None
-    pace = FleetClock(fleet.speedup, Cells(fleet.clock))
+    fleet_clock = FleetClock(fleet.speedup, Cells(fleet.clock))
     directory = pathlib.Path(fleet.truth).parent
     with pathlib.Path(fleet.truth).open("w", encoding="utf-8") as truth:
         truth.write(",".join(COLUMNS) + "\n")
         tick = 0
         while True:
             tick += 1
-            while pace.advance() < tick / 10.0:
-                pace.publish()
+            while fleet_clock.advance() < tick / 10.0:
+                fleet_clock.publish()
                 time.sleep(0.002)
-            pace.publish()
+            fleet_clock.publish()
             for vehicle in fleet.vehicles:
                 try:
                     data = (directory / f"drone-{vehicle.id}.told").read_bytes()

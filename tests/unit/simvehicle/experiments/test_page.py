@@ -64,6 +64,10 @@ def test_many_cells_are_a_file_and_a_short_table_of_decades() -> None:
     rates = [line.split("|")[1].strip() for line in table[4:]]
     assert rates == ["1e-06", "1e-05", "1e-04", "1e-03", "1e-02", "1e-01"]
     assert table[4].split("|")[2:4] == [" 25 % (15..35 %) ", " 75 % (65..85 %) "]
+    odd = cell_table(
+        "locus-3", [one for one in summaries if not f"{one['failure_rate']:.0e}".startswith("1e")]
+    )
+    assert len(odd.splitlines()) == 4 + 40, "no decade was flown"
     few = cell_table("locus-3", summaries[:10])
     assert few == full(summaries[:10]), "a person reads ten rows"
 
