@@ -10,13 +10,16 @@ from collections.abc import Sequence
 
 from flightstack.config import TlsConfig
 from flightstack.recording.clock import WallClock
-from flightstack.swarm.topics import RECEIVED_BY_GROUND
+from flightstack.swarm.topics import GROUND, TOPICS
 from flightstack.transport import Transport
 from gcs.errors import GroundError
 from gcs.plans.checks import load_fence
 from gcs.station_config import AlarmLimits, GroundConfig, load
 from mission.geometry.frames import LocalFrame
 from mission.geometry.geofence import Geofence, LocalFence
+
+RECEIVED = tuple(topic for topic in TOPICS.values() if topic is not GROUND)
+"""What a ground station listens to."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,7 +54,7 @@ class Connection:
         """Join the swarm. `TransportError` says what is wrong with the endpoints."""
         from flightstack.transport.zenoh_transport import ZenohTransport
 
-        return ZenohTransport(self.swarm, node, self.listen(), self.connect, RECEIVED_BY_GROUND, self.tls)
+        return ZenohTransport(self.swarm, node, self.listen(), self.connect, RECEIVED, self.tls)
 
     def listen(self) -> tuple[str, ...]:
         """Where this short-lived node can be reached, at ports that the system chooses.

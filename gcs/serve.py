@@ -11,11 +11,11 @@ from flightstack.mavlink.link import ByteLink, LinkError, open_link
 from flightstack.recording.clock import Clock, make_clock
 from flightstack.recording.recorder import FlightRecorder, RecordingError, TlogWriter
 from flightstack.stop_signals import StopSignals
-from flightstack.swarm.topics import RECEIVED_BY_GROUND
 from flightstack.swarm.wire import Severity
 from flightstack.transport import TransportError
 from flightstack.transport.endpoints import faulty_field
 from flightstack.transport.zenoh_transport import ZenohTransport
+from gcs.connection import RECEIVED
 from gcs.plans.checks import load_fence
 from gcs.station import Station, StationOutputs
 from gcs.station_config import GroundConfig
@@ -95,7 +95,7 @@ def serve(config: GroundConfig, file: pathlib.Path) -> int:
                 config.station,
                 config.swarm.listen,
                 config.swarm.connect,
-                RECEIVED_BY_GROUND,
+                RECEIVED,
                 config.swarm.tls,
             )
         except TransportError as error:

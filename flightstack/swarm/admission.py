@@ -79,7 +79,7 @@ class Refusal(msgspec.Struct, frozen=True):
 
 
 class Admission:
-    """The door of one node. It keeps nothing but what it has told already."""
+    """The door of one node. It remembers what it has told, and of each drone the newest tree."""
 
     def __init__(
         self, members: Collection[int] = (), frame_identity: int | None = None, drone: int | None = None
@@ -90,10 +90,14 @@ class Admission:
         self._frame_identity = frame_identity
         self._drone = drone
         self._told: set[str] = set()
+        self._trees: dict[str, tuple[bytes, TreeState]] = {}
 
     def admit(self, received: Received) -> Message | Refusal:
         """The message, if it is to be believed, without numbers that are none; else one line why not."""
         sender = received.sender
+        known = self._trees.get(sender)
+        if known is not None and known[0] == received.payload and received.topic.codec.kind is TreeState:
+            return known[1]  # most trees say what the one before said
         try:
             message: Message = received.topic.codec.decode(received.payload)
         except WireError as error:
@@ -107,6 +111,8 @@ class Admission:
         if misplaced is not None:
             fault, reason = misplaced
             return self._refusal(fault, reason, reason, _believable(message))
+        if isinstance(message, TreeState):
+            self._trees[sender] = (received.payload, message)
         return _believable(message)
 
     def _misplaced(self, sender: str, message: Message) -> tuple[Fault, str] | None:
@@ -226,7 +232,8 @@ def _is_wind(wind: Wind | None) -> bool:
 
 
 def _state(state: DroneState) -> str:
-    if not all(place is None or _is_place(place) for place in (state.position_ned_m, state.home_ned_m)):
+    place, home = state.position_ned_m, state.home_ned_m
+    if not ((place is None or _is_place(place)) and (home is None or _is_place(home))):
         return "its position is none"
     if state.velocity_ned_mps is not None and not _is_velocity(state.velocity_ned_mps):
         return "its velocity is none"
@@ -287,11 +294,14 @@ def _is_reading(reading: Reading) -> bool:
 
 
 def _is_place(position_ned_m: Vector3) -> bool:
-    return all(abs(axis) <= FARTHEST_M for axis in position_ned_m)  # False for what is not a number
+    north_m, east_m, down_m = position_ned_m
+    # False for what is not a number. Written out: a loop takes four times as long, for every message of every drone.
+    return abs(north_m) <= FARTHEST_M and abs(east_m) <= FARTHEST_M and abs(down_m) <= FARTHEST_M
 
 
 def _is_velocity(velocity_ned_mps: Vector3) -> bool:
-    return all(abs(axis) <= FASTEST_MPS for axis in velocity_ned_mps)
+    north_mps, east_mps, down_mps = velocity_ned_mps
+    return abs(north_mps) <= FASTEST_MPS and abs(east_mps) <= FASTEST_MPS and abs(down_mps) <= FASTEST_MPS
 
 
 def _is_word(word: str) -> bool:

@@ -54,4 +54,3 @@ TOPICS: dict[str, Topic] = {
 }
 
 RECEIVED_BY_DRONES = (STATE, TREE, COMMAND, TRAFFIC, GROUND)
-RECEIVED_BY_GROUND = tuple(topic for topic in TOPICS.values() if topic is not GROUND)

@@ -54,6 +54,7 @@ class _Flown(msgspec.Struct):
     """The tree of a peer that takes part in a survey."""
 
     tree: TreeState
+    counts_us_in: bool
     since_s: float
     """When the peer was first heard to take part in this survey."""
     heard_s: float
@@ -86,13 +87,12 @@ class SwarmTree:
         self.shut_out = False
         """The others fly a survey that does not count this drone in."""
         self._flown: dict[int, _Flown] = {}
-        self._family_of: dict[int, int] = {}
-        self._known_family = Place(None, (), None, None, drone)
+        self._family: Place | None = None
+        """This drone's relations in the present assignment, once they were asked for."""
         self._reset()
 
     def _reset(self) -> None:
-        self.lineage: tuple[tuple[int, int], ...] = ()
-        self.slots: dict[int, int] = {drone: slot for slot, drone in enumerate(self._members)}
+        self._assign((), {drone: slot for slot, drone in enumerate(self._members)})
         self.order: Order | None = None
         self.heals = 0
         self._lost: set[int] = set()
@@ -104,6 +104,13 @@ class SwarmTree:
         self._start_ned_m: Vector3 = (0.0, 0.0, 0.0)
         self._watched_since_s: dict[int, float] = {}
         self._joined: set[int] = set()
+
+    def _assign(self, lineage: tuple[tuple[int, int], ...], slots: Mapping[int, int]) -> None:
+        self.lineage = lineage
+        self.slots = dict(slots)
+        self._assigned = tuple(sorted(slots.items()))
+
+        self._family = None
 
     def begin(self, now_s: float, survey: str, anchor_ned_m: Vector3) -> None:
         """A survey starts: everybody in the slot that the configuration gives, formed up over the anchor."""
@@ -156,9 +163,9 @@ class SwarmTree:
         """This drone's place. `healing` while somebody is lost or another is on the way to its new slot."""
         if not self.member:
             return TreePlace(self.epoch, -1, dict(self.slots), None, (), None, None, -1, False)
-        family = self._family()
+        family = self._relations()
         moving = any(
-            drone in self.slots and peer.moving and now_s - peer.heard_s < self._lost_after_s
+            peer.moving and drone in self.slots and now_s - peer.heard_s < self._lost_after_s
             for drone, peer in peers.items()
         )
         return TreePlace(
@@ -185,7 +192,7 @@ class SwarmTree:
             self._frame_identity,
             self.epoch,
             self.lineage[-1][1] if self.lineage else 0,
-            tuple(sorted(self.slots.items())),
+            self._assigned,
             tuple(sorted(self._lost)),
             self.order,
             self.readings,
@@ -194,12 +201,11 @@ class SwarmTree:
             self.lineage,
         )
 
-    def _family(self) -> Place:
+    def _relations(self) -> Place:
         """This drone's relations, computed once an assignment."""
-        if self._family_of != self.slots:
-            self._family_of = dict(self.slots)
-            self._known_family = place(self.slots, self._layout, self._drone)
-        return self._known_family
+        if self._family is None:
+            self._family = place(self.slots, self._layout, self._drone)
+        return self._family
 
     # -- which survey -----------------------------------------------------------------------------------------
 
@@ -211,11 +217,17 @@ class SwarmTree:
             before = self._flown.pop(state.sender, None)
             if peer is None or not peer.taking_part or not state.survey:
                 continue
+            if before is not None and before.tree is state:
+                before.heard_s = now_s
+                self._flown[state.sender] = before
+                continue
             again = before is not None and before.tree.survey == state.survey
             since_s = before.since_s if before is not None and again else now_s
-            self._flown[state.sender] = _Flown(state, since_s, now_s)
-        self._flown = {d: f for d, f in self._flown.items() if now_s - f.heard_s <= self._lost_after_s}
-        self.shut_out = any(f.steady and not _counts_in(f.tree, self._drone) for f in self._flown.values())
+            self._flown[state.sender] = _Flown(state, _counts_in(state, self._drone), since_s, now_s)
+        for drone, flown in tuple(self._flown.items()):
+            if now_s - flown.heard_s > self._lost_after_s:
+                del self._flown[drone]
+        self.shut_out = any(not flown.counts_us_in and flown.steady for flown in self._flown.values())
 
     def _join_the_foremost(self, now_s: float) -> bool:
         joined = False
@@ -224,7 +236,7 @@ class SwarmTree:
             if (
                 tree.survey != self.survey
                 and flown.steady
-                and _counts_in(tree, self._drone)
+                and flown.counts_us_in
                 and _foremost_first(tree) < _foremost_first(self.message())
                 and not problems(dict(tree.slots), self._layout)
             ):
@@ -238,19 +250,20 @@ class SwarmTree:
     def _merge(self, state: TreeState) -> None:
         if state.survey != self.survey:
             return
-        theirs, ours = _rank(state.lineage, state.slots), _rank(self.lineage, self.slots.items())
-        if theirs > ours:
-            if problems(dict(state.slots), self._layout):
-                return  # not a tree: never to be flown
-            self.lineage = state.lineage
-            self.slots = dict(state.slots)
-            self.heals = state.heals
-            self._lost = set()
-            self._awaited = None
-            self._set_order(state.order)
-        elif theirs != ours:
-            return
-        self._lost |= set(state.lost) & self.slots.keys() - {self._drone}
+        if (state.lineage, state.slots) != (self.lineage, self._assigned):
+            theirs, ours = _rank(state.lineage, state.slots), _rank(self.lineage, self._assigned)
+            if theirs > ours:
+                if problems(dict(state.slots), self._layout):
+                    return  # not a tree: never to be flown
+                self._assign(state.lineage, dict(state.slots))
+                self.heals = state.heals
+                self._lost = set()
+                self._awaited = None
+                self._set_order(state.order)
+            elif theirs != ours:
+                return
+        if state.lost:
+            self._lost |= set(state.lost) & self.slots.keys() - {self._drone}
         if state.order is not None and (self.order is None or state.order.sequence > self.order.sequence):
             self._set_order(state.order)
         for reading in state.readings:
@@ -279,7 +292,7 @@ class SwarmTree:
         """Find out whether parent and children live, by their voice and by what they say of themselves."""
         if self.order is not None and self.order.stage in (Stage.FOUND, Stage.GIVE_UP):
             return  # everybody is on the way home
-        family = self._family()
+        family = self._relations()
         watched = set(family.children)
         if family.parent is not None:
             watched.add(family.parent)
@@ -323,8 +336,7 @@ class SwarmTree:
             anchor_ned_m = self._stopped_anchor(stay, order, where)
         order = msgspec.structs.replace(order, sequence=order.sequence + 1, anchor_ned_m=anchor_ned_m)
         heard = sum(_silence_s(now_s, peers, drone) < HEARD_S for drone in healed.slots)
-        self.lineage += ((1 + heard, self._drone),)
-        self.slots = dict(healed.slots)
+        self._assign((*self.lineage, (1 + heard, self._drone)), healed.slots)
         self.heals += 1
         self._lost = set()
         self._awaited = None

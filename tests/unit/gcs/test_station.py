@@ -10,9 +10,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.mavlink.codec import MavlinkCodec
 from flightstack.swarm import topics
-from flightstack.swarm.topics import RECEIVED_BY_GROUND
 from flightstack.swarm.wire import Command, CommandName, Phase, Result
 from flightstack.transport.memory import MemoryRadio
+from gcs.connection import RECEIVED
 from gcs.station import Station
 
 
@@ -23,7 +23,7 @@ class Surroundings:
         self.station = Station(config, None, 0.0)
         self.state, self.on_air = state, on_air
         self.radio = MemoryRadio()
-        self.nodes = {"ground": self.radio.join("ground", RECEIVED_BY_GROUND)}
+        self.nodes = {"ground": self.radio.join("ground", RECEIVED)}
         self.agents = {1: {}, 2: {}, 3: {}}
         self.vehicles = []
         self.published = []

@@ -93,10 +93,10 @@ class Network:
             self.radio.step(self.now_s)
             heard = {drone: transport.receive() for drone, transport in self.transports.items()}
             for node in self.live:
-                for received in heard[node.drone]:
-                    if received.topic is STATE:
-                        node.peers.hear(self.now_s, STATE.codec.decode(received.payload))
-                trees = [TREE.codec.decode(r.payload) for r in heard[node.drone] if r.topic is TREE]
+                said = [r.topic.codec.decode(r.payload) for r in heard[node.drone]]
+                for state in said:
+                    node.peers.hear(self.now_s, state)
+                trees = [tree for tree in said if isinstance(tree, TreeState)]
                 node.tree.step(self.now_s, trees, node.peers.facts(), node.decision, node.position)
                 node.decision = None
 
