@@ -6,12 +6,11 @@ import contextlib
 import datetime
 import logging
 import pathlib
-import signal
-from types import FrameType
 
 from flightstack.mavlink.link import ByteLink, LinkError, open_link
 from flightstack.recording.clock import Clock, make_clock
 from flightstack.recording.recorder import FlightRecorder, RecordingError, TlogWriter
+from flightstack.stop_signals import StopSignals
 from flightstack.swarm.wire import Severity
 from flightstack.transport import TransportError
 from flightstack.transport.endpoints import faulty_field
@@ -25,22 +24,6 @@ from mission.documents.yaml_file import fault_of
 log = logging.getLogger("gcs")
 
 LEVELS = {Severity.INFO: logging.INFO, Severity.WARNING: logging.WARNING, Severity.CRITICAL: logging.ERROR}
-
-
-class StopSignal:
-    """SIGINT, SIGTERM and SIGHUP, remembered until the tick is done."""
-
-    def __init__(self) -> None:
-        self.asked = False
-
-    def install(self) -> None:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._on_signal)
-        if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as nohup wants it
-            signal.signal(signal.SIGHUP, self._on_signal)
-
-    def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
-        self.asked = True
 
 
 class Recordings:
@@ -93,7 +76,7 @@ class Recordings:
 
 def serve(config: GroundConfig, file: pathlib.Path) -> int:
     """Run until a signal; returns the exit code. What cannot be opened raises with one clear line."""
-    stop = StopSignal()
+    stop = StopSignals()
     stop.install()
     clock = make_clock(config.speedup, config.clock)
     station = Station(config, load_fence(config, file), clock.now_s())
@@ -153,7 +136,7 @@ def _loop(
     transport: ZenohTransport,
     links: list[ByteLink],
     recordings: Recordings,
-    stop: StopSignal,
+    stop: StopSignals,
 ) -> None:
     period_s = 1.0 / config.tick_hz
     due_s = clock.now_s()

@@ -1,4 +1,4 @@
-"""Why a drone must leave the survey, and how it comes home."""
+"""How a drone comes home."""
 
 from __future__ import annotations
 
@@ -20,34 +20,6 @@ STUCK_S = 60.0
 
 CHOOSE_EVERY_S = 2.0
 """How often another landing place is looked for: with a crowd over home it takes the time of a tick."""
-
-BATTERY_SAG_S = 3.0
-"""How long the battery must be low: a sag under load is not an empty battery."""
-
-
-class Leaving:
-    """What makes a drone leave the survey by itself; `reason` once a tick."""
-
-    def __init__(self, limits: LimitsConfig) -> None:
-        self._limits = limits
-        self._battery_low_since_s: float | None = None
-
-    def reason(self, now_s: float, battery_fraction: float | None, ground_heard_s: float | None) -> str:
-        """Why the drone must return, or nothing."""
-        limits = self._limits
-        if battery_fraction is None or battery_fraction > limits.battery_return_fraction:
-            self._battery_low_since_s = None
-        elif self._battery_low_since_s is None:
-            self._battery_low_since_s = now_s
-        elif now_s - self._battery_low_since_s > BATTERY_SAG_S:
-            return f"battery at {battery_fraction:.0%}, below {limits.battery_return_fraction:.0%}"
-        if (
-            limits.ground_lost_s is not None
-            and ground_heard_s is not None
-            and now_s - ground_heard_s > limits.ground_lost_s
-        ):
-            return f"ground station silent for more than {limits.ground_lost_s:.0f} s"
-        return ""
 
 
 class Homecoming:

@@ -1,4 +1,4 @@
-"""The flight phases of one drone: one table of what may follow what, and one function that changes it.
+"""The flight phase of one drone: what commands, vehicle and swarm make of it, by the table of transitions.
 
 The phase decides who steers (our setpoints, the autopilot by itself, a person) and what is asked of the
 autopilot. Ground commands enter here and nowhere else. When the pilot or a failsafe of the autopilot takes the
@@ -12,45 +12,25 @@ from collections.abc import Sequence
 
 import msgspec
 
-from flightstack.swarm.wire import Command, CommandName, CommandOutcome, Phase, Result, Severity
+from flightstack.flight.transitions import STEERING, TRANSITIONS, FlightEvent, following
+from flightstack.swarm.news import Note
+from flightstack.swarm.wire import TAKING_PART, Command, CommandName, CommandOutcome, Phase, Result, Severity
 from mission.strategies.contract import Order, Stage
-
-AFTER: dict[Phase, frozenset[Phase]] = {
-    Phase.DISARMED: frozenset({Phase.ARMING, Phase.RETURNING, Phase.LANDING}),
-    Phase.ARMING: frozenset({Phase.TAKEOFF, Phase.DISARMED, Phase.PILOT}),
-    Phase.TAKEOFF: frozenset({Phase.FORMING, Phase.RETURNING, Phase.LANDING, Phase.LANDED, Phase.PILOT}),
-    Phase.FORMING: frozenset(
-        {Phase.SEARCHING, Phase.TRACKING, Phase.HOLDING, Phase.RETURNING, Phase.LANDING, Phase.PILOT}
-        | {Phase.LANDED}
-    ),
-    Phase.SEARCHING: frozenset(
-        {Phase.TRACKING, Phase.HOLDING, Phase.RETURNING, Phase.LANDING, Phase.LANDED, Phase.PILOT}
-    ),
-    Phase.TRACKING: frozenset(
-        {Phase.SEARCHING, Phase.HOLDING, Phase.RETURNING, Phase.LANDING, Phase.LANDED, Phase.PILOT}
-    ),
-    Phase.HOLDING: frozenset({Phase.FORMING, Phase.RETURNING, Phase.LANDING, Phase.LANDED, Phase.PILOT}),
-    Phase.RETURNING: frozenset({Phase.LANDING, Phase.LANDED, Phase.PILOT}),
-    Phase.LANDING: frozenset({Phase.LANDED, Phase.RETURNING, Phase.PILOT}),
-    Phase.PILOT: frozenset({Phase.FORMING, Phase.RETURNING, Phase.LANDING, Phase.LANDED, Phase.DISARMED}),
-    Phase.LANDED: frozenset({Phase.ARMING}),
-}
-"""What may follow a phase. A command or an event that asks for anything else is refused and changes nothing."""
-
-STEERING = frozenset({Phase.FORMING, Phase.SEARCHING, Phase.TRACKING, Phase.HOLDING, Phase.RETURNING})
-"""The phases in which we send a setpoint every tick, even to hold."""
-
-IN_FORMATION = frozenset({Phase.SEARCHING, Phase.TRACKING})
-"""The phases in which the strategy decides."""
-
-TAKING_PART = frozenset(
-    {Phase.ARMING, Phase.TAKEOFF, Phase.FORMING, Phase.SEARCHING, Phase.TRACKING, Phase.HOLDING}
-)
-"""The phases of a live member of the survey; any other phase after the start announces that it left."""
-
 
 DOWN_S = 3.0
 """How long a vehicle in formation may seem disarmed before it counts as down: heartbeats come once a second."""
+
+TAKES_CONTROL = frozenset(
+    {FlightEvent.START, FlightEvent.ARMED, FlightEvent.AT_ALTITUDE, FlightEvent.RESUME, FlightEvent.ABORT}
+)
+"""The events after which our mode is asked for: until it has come, it is not lost."""
+
+WHY = {
+    CommandName.START: "survey started",
+    CommandName.PAUSE: "paused by command",
+    CommandName.RESUME: "resumed by command",
+    CommandName.ABORT: "survey aborted by command",
+}
 
 
 class Ask(enum.Enum):
@@ -99,12 +79,6 @@ class SwarmFacts(msgspec.Struct, frozen=True):
     """Why this drone cannot go on (battery, sensor, ground station lost), empty if it can."""
 
 
-class Note(msgspec.Struct, frozen=True):
-    severity: Severity
-    code: str
-    text: str
-
-
 class PhaseStep(msgspec.Struct, frozen=True):
     phase: Phase
     asks: tuple[Ask, ...]
@@ -127,6 +101,8 @@ class FlightPhase:
         self._down_since_s: float | None = None
         self._answered: dict[str, CommandOutcome] = {}
         self._notes: list[Note] = []
+        self._outcomes: list[CommandOutcome] = []
+        self._started: str | None = None
         self._prompt: Ask | None = None
         self._descent = Ask.LAND
         """How the autopilot is asked to bring the drone down in phase LANDING."""
@@ -134,87 +110,89 @@ class FlightPhase:
     def step(
         self, now_s: float, commands: Sequence[Command], vehicle: VehicleFacts, swarm: SwarmFacts
     ) -> PhaseStep:
-        self._notes = []
-        self._prompt = None
-        started = None
-        outcomes = []
+        """One tick. An `IllegalTransitionError` leaves the phase as it was, and the commands answered: then `stay`
+        is the step that remains."""
+        self._notes, self._outcomes = [], []
+        self._prompt = self._started = None
         for command in commands:
-            if command.target not in (0, self._drone):
-                continue
-            outcome = self._answered.get(command.identity)
-            if outcome is None:
-                before = self.phase
-                reason = self._obey(now_s, command, vehicle, swarm)
-                result = Result.REFUSED if reason else Result.ACCEPTED
-                outcome = CommandOutcome(command.identity, self._drone, result, reason)
-                self._remember(outcome)
-                self._note(
-                    Severity.WARNING if reason else Severity.INFO,
-                    "command",
-                    f"{command.name} from {command.sender}: {outcome.result}"
-                    + (f": {reason}" if reason else ""),
-                )
-                if command.name is CommandName.START and self.phase is not before:
-                    started = command.identity
-            outcomes.append(outcome)
+            if command.target in (0, self._drone):
+                self._answer(now_s, command, vehicle, swarm)
         self._advance(now_s, vehicle, swarm)
+        return self.stay(vehicle)
+
+    def stay(self, vehicle: VehicleFacts) -> PhaseStep:
+        """The step of this tick as it is now."""
         return PhaseStep(
             self.phase,
             self._asks(vehicle),
-            tuple(outcomes),
+            tuple(self._outcomes),
             tuple(self._notes),
-            started,
+            self._started,
             self.phase in STEERING,
         )
 
     # -- commands ---------------------------------------------------------------------------------------------
 
-    def _obey(self, now_s: float, command: Command, vehicle: VehicleFacts, swarm: SwarmFacts) -> str:
-        """Carry a command out; returns why not, or nothing."""
-        name = command.name
-        if name is CommandName.START:
-            return self._start(now_s, vehicle, swarm)
-        if name is CommandName.PAUSE:
-            if self.phase is Phase.HOLDING:
-                return ""
-            return self._change(now_s, Phase.HOLDING, "paused by command")
-        if name is CommandName.RESUME:
-            if self.phase in TAKING_PART - {Phase.HOLDING}:
-                return ""
-            if not swarm.member:
-                return "no longer in the swarm's tree: use abort (return in good order), rtl or land"
-            if self.phase not in (Phase.HOLDING, Phase.PILOT) or not vehicle.airborne:
-                return f"nothing to resume: the drone is {self.phase}"
-            self._control_since_s = now_s
-            return self._change(now_s, Phase.FORMING, "resumed by command")
-        if self.phase is Phase.ARMING:
-            self._prompt = Ask.DISARM if vehicle.armed else None
-            return self._change(now_s, Phase.DISARMED, f"start cancelled: {name} by command")
-        if not vehicle.airborne and not vehicle.armed:
-            return f"{name}: the drone is not flying"
-        if name is CommandName.ABORT:
-            if self.phase in (Phase.RETURNING, Phase.LANDING):
-                return ""
-            self._control_since_s = now_s
-            return self._change(now_s, Phase.RETURNING, "survey aborted by command")
-        ask, why = (Ask.RETURN, "rtl") if name is CommandName.RTL else (Ask.LAND, "land")
-        self._prompt = self._descent = ask
-        return "" if self.phase is Phase.LANDING else self._change(now_s, Phase.LANDING, f"{why} by command")
+    def _answer(self, now_s: float, command: Command, vehicle: VehicleFacts, swarm: SwarmFacts) -> None:
+        """Carry a command out, or say why not; one that was answered before is answered again and no more."""
+        outcome = self._answered.get(command.identity)
+        if outcome is None:
+            before = self.phase
+            reason = self._refusal(command.name, vehicle, swarm)
+            if not reason:
+                self._obey(now_s, command.name, vehicle)
+            result = Result.REFUSED if reason else Result.ACCEPTED
+            outcome = CommandOutcome(command.identity, self._drone, result, reason)
+            self._remember(outcome)
+            self._note(
+                Severity.WARNING if reason else Severity.INFO,
+                "command",
+                f"{command.name} from {command.sender}: {outcome.result}" + (f": {reason}" if reason else ""),
+            )
+            if command.name is CommandName.START and self.phase is not before:
+                self._started = command.identity
+        self._outcomes.append(outcome)
 
-    def _start(self, now_s: float, vehicle: VehicleFacts, swarm: SwarmFacts) -> str:
+    def _refusal(self, name: CommandName, vehicle: VehicleFacts, swarm: SwarmFacts) -> str:
+        """Why a command cannot be carried out, or nothing."""
+        to = TRANSITIONS.get((self.phase, FlightEvent(name)))
+        match name:
+            case CommandName.START:
+                return self._why_not_start(to, vehicle, swarm)
+            case CommandName.RESUME:
+                if to is self.phase:
+                    return ""
+                if not swarm.member:
+                    return "no longer in the swarm's tree: use abort (return in good order), rtl or land"
+                if to is None or not vehicle.airborne:
+                    return f"nothing to resume: the drone is {self.phase}"
+            case CommandName.ABORT | CommandName.RTL | CommandName.LAND:
+                if self.phase is not Phase.ARMING and not vehicle.airborne and not vehicle.armed:
+                    return f"{name}: the drone is not flying"
+        return f"the drone is {self.phase}" if to is None else ""
+
+    def _why_not_start(self, to: Phase | None, vehicle: VehicleFacts, swarm: SwarmFacts) -> str:
         if not vehicle.connected:
             return "the autopilot does not answer: check its link and power"
-        if self.phase in TAKING_PART - {Phase.HOLDING}:
-            return ""  # it takes part already: whoever starts again means those that do not
-        if self.phase not in (Phase.DISARMED, Phase.LANDED):
+        if to is self.phase:
+            return ""
+        if to is None:
             return f"already {self.phase}"
         if vehicle.armed:
             return f"the vehicle is armed in {vehicle.mode}: disarm it first"
         if swarm.shut_out:
             return "the others fly a survey that has counted this drone out: it can take part in the next"
-        if swarm.must_return:
-            return swarm.must_return
-        return self._change(now_s, Phase.ARMING, "survey started")
+        return swarm.must_return
+
+    def _obey(self, now_s: float, name: CommandName, vehicle: VehicleFacts) -> None:
+        why = WHY.get(name, f"{name} by command")
+        if name in (CommandName.ABORT, CommandName.RTL, CommandName.LAND):
+            if self.phase is Phase.ARMING:
+                self._prompt = Ask.DISARM if vehicle.armed else None
+                why = f"start cancelled: {name} by command"
+            elif name is not CommandName.ABORT:
+                self._prompt = self._descent = Ask.RETURN if name is CommandName.RTL else Ask.LAND
+        self._happen(now_s, FlightEvent(name), why)
 
     def _remember(self, outcome: CommandOutcome) -> None:
         self._answered[outcome.command] = outcome
@@ -226,64 +204,62 @@ class FlightPhase:
     def _advance(self, now_s: float, vehicle: VehicleFacts, swarm: SwarmFacts) -> None:
         if self._lost_control(now_s, vehicle):
             why = f"mode {vehicle.mode} was taken by the pilot or a failsafe"
-            self._change(now_s, Phase.PILOT, why, Severity.WARNING, "pilot")
+            self._happen(now_s, FlightEvent.CONTROL_LOST, why, Severity.WARNING, "pilot")
         match self.phase:
             case Phase.ARMING:
                 self._arming(now_s, vehicle)
             case Phase.TAKEOFF:
                 self._taking_off(now_s, vehicle)
             case Phase.RETURNING:
-                if not vehicle.armed and not vehicle.airborne:
-                    self._change(now_s, Phase.LANDED, "landed")
-                elif swarm.over_home:
-                    self._change(now_s, Phase.LANDING, "over home")
-                elif swarm.stuck:
-                    self._change(
-                        now_s,
-                        Phase.LANDING,
-                        "the way home is blocked: landing here",
-                        Severity.WARNING,
-                        "blocked",
-                    )
+                self._returning(now_s, vehicle, swarm)
             case Phase.LANDING | Phase.PILOT:
                 if not vehicle.armed and not vehicle.airborne:
-                    self._change(now_s, Phase.LANDED, "landed")
+                    self._happen(now_s, FlightEvent.DOWN, "landed")
         if self.phase in TAKING_PART - {Phase.ARMING, Phase.TAKEOFF}:
             self._follow_the_swarm(now_s, swarm)
             self._notice_the_ground(now_s, vehicle)
 
     def _arming(self, now_s: float, vehicle: VehicleFacts) -> None:
         if vehicle.armed and vehicle.ours:
-            self._change(now_s, Phase.TAKEOFF, "armed")
+            self._happen(now_s, FlightEvent.ARMED, "armed")
         elif vehicle.problem:
-            self._change(now_s, Phase.DISARMED, vehicle.problem, Severity.CRITICAL, "arming")
+            self._happen(now_s, FlightEvent.ARMING_FAILED, vehicle.problem, Severity.CRITICAL, "arming")
 
     def _taking_off(self, now_s: float, vehicle: VehicleFacts) -> None:
         if vehicle.at_takeoff_altitude:
-            self._control_since_s = now_s
-            self._change(now_s, Phase.FORMING, "at take-off altitude")
+            self._happen(now_s, FlightEvent.AT_ALTITUDE, "at take-off altitude")
         elif not vehicle.armed:
-            self._change(now_s, Phase.LANDED, "disarmed during take-off", Severity.CRITICAL, "takeoff")
+            self._happen(now_s, FlightEvent.DOWN, "disarmed during take-off", Severity.CRITICAL, "takeoff")
         elif vehicle.problem:
-            self._change(now_s, Phase.LANDING, vehicle.problem, Severity.CRITICAL, "takeoff")
+            self._happen(now_s, FlightEvent.TAKEOFF_FAILED, vehicle.problem, Severity.CRITICAL, "takeoff")
+
+    def _returning(self, now_s: float, vehicle: VehicleFacts, swarm: SwarmFacts) -> None:
+        if not vehicle.armed and not vehicle.airborne:
+            self._happen(now_s, FlightEvent.DOWN, "landed")
+        elif swarm.over_home:
+            self._happen(now_s, FlightEvent.OVER_HOME, "over home")
+        elif swarm.stuck:
+            why = "the way home is blocked: landing here"
+            self._happen(now_s, FlightEvent.BLOCKED, why, Severity.WARNING, "blocked")
 
     def _follow_the_swarm(self, now_s: float, swarm: SwarmFacts) -> None:
         stage = swarm.order.stage if swarm.order else None
         if swarm.must_return:
-            self._change(now_s, Phase.RETURNING, swarm.must_return, Severity.WARNING, "leaving")
+            self._happen(now_s, FlightEvent.GO_HOME, swarm.must_return, Severity.WARNING, "leaving")
         elif not swarm.member:
             why = "the swarm has counted this drone out"
-            self._change(now_s, Phase.RETURNING, why, Severity.WARNING, "leaving")
+            self._happen(now_s, FlightEvent.GO_HOME, why, Severity.WARNING, "leaving")
         elif stage is Stage.FOUND:
-            self._change(now_s, Phase.RETURNING, "the source is found")
+            self._happen(now_s, FlightEvent.GO_HOME, "the source is found")
         elif stage is Stage.GIVE_UP:
-            self._change(now_s, Phase.RETURNING, "the search area is exhausted")
+            self._happen(now_s, FlightEvent.GO_HOME, "the search area is exhausted")
         elif self.phase is Phase.FORMING and swarm.formed_up:
-            self._change(now_s, Phase.TRACKING if stage is Stage.TRACK else Phase.SEARCHING, "in formation")
+            event = FlightEvent.TRACK if stage is Stage.TRACK else FlightEvent.SEARCH
+            self._happen(now_s, event, "in formation")
         elif self.phase is Phase.SEARCHING and stage is Stage.TRACK:
-            self._change(now_s, Phase.TRACKING, "following the plume")
+            self._happen(now_s, FlightEvent.TRACK, "following the plume")
         elif self.phase is Phase.TRACKING and stage is Stage.SEARCH:
-            self._change(now_s, Phase.SEARCHING, "plume lost")
+            self._happen(now_s, FlightEvent.SEARCH, "plume lost")
 
     def _notice_the_ground(self, now_s: float, vehicle: VehicleFacts) -> None:
         """A drone that fell, or was disarmed, takes no part any more: the others must hear that it left."""
@@ -293,7 +269,7 @@ class FlightPhase:
             self._down_since_s = now_s
         elif now_s - self._down_since_s > DOWN_S:
             self._down_since_s = None
-            self._change(now_s, Phase.LANDED, "disarmed during the survey", Severity.CRITICAL, "down")
+            self._happen(now_s, FlightEvent.DOWN, "disarmed during the survey", Severity.CRITICAL, "down")
 
     def _lost_control(self, now_s: float, vehicle: VehicleFacts) -> bool:
         """Whether a mode that was ours is not any more (without our asking)."""
@@ -318,21 +294,23 @@ class FlightPhase:
             return (Ask.TAKE_CONTROL,)
         return ()
 
-    def _change(
-        self, now_s: float, to: Phase, why: str, severity: Severity = Severity.INFO, code: str = "phase"
-    ) -> str:
-        """Go to phase `to`; returns why that cannot be, or nothing."""
-        if to is self.phase:
-            return ""
-        if to not in AFTER[self.phase]:
-            return f"the drone is {self.phase}"
-        self.phase = to
-        if to in (Phase.ARMING, Phase.TAKEOFF):
+    def _happen(
+        self,
+        now_s: float,
+        event: FlightEvent,
+        why: str,
+        severity: Severity = Severity.INFO,
+        code: str = "phase",
+    ) -> None:
+        """Go where `event` leads. Raises `IllegalTransitionError`, and changes nothing, where it cannot be."""
+        before, self.phase = self.phase, following(self.phase, event)
+        if self.phase is before:
+            return
+        if event in TAKES_CONTROL:
             self._control_since_s = now_s
-        if to is Phase.LANDING and self._prompt is None:
+        if self.phase is Phase.LANDING and self._prompt is None:
             self._descent = Ask.LAND
-        self._note(severity, code, f"{to}: {why}")
-        return ""
+        self._note(severity, code, f"{self.phase}: {why}")
 
     def _note(self, severity: Severity, code: str, text: str) -> None:
         self._notes.append(Note(severity, code, text))

@@ -10,8 +10,9 @@ import msgspec
 from flightstack.agent import Agent, Inputs
 from flightstack.config import DroneConfig
 from flightstack.errors import FlightstackError
+from flightstack.recording.fingerprint import fingerprint
 from flightstack.recording.recorder import Record, read_recording, restore
-from flightstack.runner import fingerprint
+from flightstack.swarm.wire import VERSION
 
 
 class ReplayError(FlightstackError):
@@ -51,6 +52,13 @@ def replay(path: pathlib.Path) -> Replay:
 
 def _agent(path: pathlib.Path, message: dict[str, Any]) -> Agent:
     """A new agent as it was configured then."""
+    spoken = message.get("wire")
+    if "config" in message and spoken != VERSION:
+        then = f"of version {spoken}" if spoken is not None else "older than version 3"
+        raise ReplayError(
+            f"{path}: was recorded with messages {then}, which this software (version {VERSION}) does not answer "
+            "as that one did: replay it with the software that recorded it"
+        )
     try:
         config = restore(message["config"], DroneConfig)
         return Agent(config, incarnation=msgspec.convert(message["incarnation"], int))

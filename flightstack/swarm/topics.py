@@ -52,4 +52,5 @@ REPORT = Topic("report", Codec(GroundReport), 1.0, 5.0, Delivery.BEST_EFFORT)
 TOPICS: dict[str, Topic] = {
     t.name: t for t in (STATE, TREE, COMMAND, OUTCOME, EVENT, TRAFFIC, GROUND, REPORT)
 }
-"""A drone receives state, tree, command, traffic and ground; a ground station all but ground."""
+
+RECEIVED_BY_DRONES = (STATE, TREE, COMMAND, TRAFFIC, GROUND)

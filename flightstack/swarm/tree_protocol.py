@@ -28,8 +28,8 @@ from collections.abc import Iterable, Mapping
 
 import msgspec
 
-from flightstack.flight.phase import TAKING_PART
-from flightstack.swarm.peers import Belief
+from flightstack.swarm.news import TreeNews
+from flightstack.swarm.peers import PeerFacts
 from flightstack.swarm.wire import TreeState
 from mission.geometry.formation import Layout, rotated
 from mission.geometry.frames import Vector3
@@ -54,6 +54,7 @@ class _Flown(msgspec.Struct):
     """The tree of a peer that takes part in a survey."""
 
     tree: TreeState
+    counts_us_in: bool
     since_s: float
     """When the peer was first heard to take part in this survey."""
     heard_s: float
@@ -61,19 +62,6 @@ class _Flown(msgspec.Struct):
     @property
     def steady(self) -> bool:
         return self.heard_s - self.since_s >= STEADY_S
-
-
-class TreeNews(msgspec.Struct, frozen=True):
-    """What changed in one tick, for the event log."""
-
-    lost: tuple[int, ...] = ()
-    healed: bool = False
-    moved: bool = False
-    """This drone holds another slot than before and has to fly there."""
-    order: Order | None = None
-    """The order, if it is a new one."""
-    joined: bool = False
-    """This drone left the survey that it had begun for the one that the others fly."""
 
 
 class SwarmTree:
@@ -99,13 +87,12 @@ class SwarmTree:
         self.shut_out = False
         """The others fly a survey that does not count this drone in."""
         self._flown: dict[int, _Flown] = {}
-        self._family_of: dict[int, int] = {}
-        self._known_family = Place(None, (), None, None, drone)
+        self._family: Place | None = None
+        """This drone's relations in the present assignment, once they were asked for."""
         self._reset()
 
     def _reset(self) -> None:
-        self.lineage: tuple[tuple[int, int], ...] = ()
-        self.slots: dict[int, int] = {drone: slot for slot, drone in enumerate(self._members)}
+        self._assign((), {drone: slot for slot, drone in enumerate(self._members)})
         self.order: Order | None = None
         self.heals = 0
         self._lost: set[int] = set()
@@ -117,6 +104,13 @@ class SwarmTree:
         self._start_ned_m: Vector3 = (0.0, 0.0, 0.0)
         self._watched_since_s: dict[int, float] = {}
         self._joined: set[int] = set()
+
+    def _assign(self, lineage: tuple[tuple[int, int], ...], slots: Mapping[int, int]) -> None:
+        self.lineage = lineage
+        self.slots = dict(slots)
+        self._assigned = tuple(sorted(slots.items()))
+
+        self._family = None
 
     def begin(self, now_s: float, survey: str, anchor_ned_m: Vector3) -> None:
         """A survey starts: everybody in the slot that the configuration gives, formed up over the anchor."""
@@ -139,13 +133,13 @@ class SwarmTree:
         self,
         now_s: float,
         heard: Iterable[TreeState],
-        belief: Belief,
+        peers: Mapping[int, PeerFacts],
         decision: Decision | None,
         own_position_ned_m: Vector3 | None,
     ) -> TreeNews:
         """Merge what came, adopt this drone's own decision of the tick before, look for losses, heal."""
         heard = tuple(heard)
-        self._look_at_surveys(now_s, heard, belief)
+        self._look_at_surveys(now_s, heard, peers)
         if self.survey is None:
             return TreeNews()
         joined = self._join_the_foremost(now_s)
@@ -155,8 +149,8 @@ class SwarmTree:
         if decision is not None and self.member:
             self._adopt(decision)
         if self.member:
-            self._watch(now_s, belief)
-            self._heal_if_mine(now_s, belief, own_position_ned_m)
+            self._watch(now_s, peers)
+            self._heal_if_mine(now_s, peers, own_position_ned_m)
         return TreeNews(
             lost=tuple(sorted(self._lost - lost)),
             healed=self.lineage != lineage,
@@ -165,14 +159,14 @@ class SwarmTree:
             joined=joined,
         )
 
-    def place(self, *, moving: bool, belief: Belief, now_s: float) -> TreePlace:
-        """This drone's place. `healing` while somebody is lost or on the way to another's slot."""
+    def place(self, now_s: float, peers: Mapping[int, PeerFacts]) -> TreePlace:
+        """This drone's place. `healing` while somebody is lost or another is on the way to its new slot."""
         if not self.member:
             return TreePlace(self.epoch, -1, dict(self.slots), None, (), None, None, -1, False)
-        family = self._family()
-        moving = moving or any(
-            drone in self.slots and peer.state.healing and now_s - peer.heard_s < self._lost_after_s
-            for drone, peer in belief.peers.items()
+        family = self._relations()
+        moving = any(
+            peer.moving and drone in self.slots and now_s - peer.heard_s < self._lost_after_s
+            for drone, peer in peers.items()
         )
         return TreePlace(
             self.epoch,
@@ -198,7 +192,7 @@ class SwarmTree:
             self._frame_identity,
             self.epoch,
             self.lineage[-1][1] if self.lineage else 0,
-            tuple(sorted(self.slots.items())),
+            self._assigned,
             tuple(sorted(self._lost)),
             self.order,
             self.readings,
@@ -207,26 +201,33 @@ class SwarmTree:
             self.lineage,
         )
 
-    def _family(self) -> Place:
+    def _relations(self) -> Place:
         """This drone's relations, computed once an assignment."""
-        if self._family_of != self.slots:
-            self._family_of = dict(self.slots)
-            self._known_family = place(self.slots, self._layout, self._drone)
-        return self._known_family
+        if self._family is None:
+            self._family = place(self.slots, self._layout, self._drone)
+        return self._family
 
     # -- which survey -----------------------------------------------------------------------------------------
 
-    def _look_at_surveys(self, now_s: float, heard: Iterable[TreeState], belief: Belief) -> None:
+    def _look_at_surveys(
+        self, now_s: float, heard: Iterable[TreeState], peers: Mapping[int, PeerFacts]
+    ) -> None:
         for state in heard:
-            peer = belief.peers.get(state.sender)
+            peer = peers.get(state.sender)
             before = self._flown.pop(state.sender, None)
-            if peer is None or peer.state.phase not in TAKING_PART or not state.survey:
+            if peer is None or not peer.taking_part or not state.survey:
+                continue
+            if before is not None and before.tree is state:
+                before.heard_s = now_s
+                self._flown[state.sender] = before
                 continue
             again = before is not None and before.tree.survey == state.survey
             since_s = before.since_s if before is not None and again else now_s
-            self._flown[state.sender] = _Flown(state, since_s, now_s)
-        self._flown = {d: f for d, f in self._flown.items() if now_s - f.heard_s <= self._lost_after_s}
-        self.shut_out = any(f.steady and not _counts_in(f.tree, self._drone) for f in self._flown.values())
+            self._flown[state.sender] = _Flown(state, _counts_in(state, self._drone), since_s, now_s)
+        for drone, flown in tuple(self._flown.items()):
+            if now_s - flown.heard_s > self._lost_after_s:
+                del self._flown[drone]
+        self.shut_out = any(not flown.counts_us_in and flown.steady for flown in self._flown.values())
 
     def _join_the_foremost(self, now_s: float) -> bool:
         joined = False
@@ -235,7 +236,7 @@ class SwarmTree:
             if (
                 tree.survey != self.survey
                 and flown.steady
-                and _counts_in(tree, self._drone)
+                and flown.counts_us_in
                 and _foremost_first(tree) < _foremost_first(self.message())
                 and not problems(dict(tree.slots), self._layout)
             ):
@@ -249,19 +250,20 @@ class SwarmTree:
     def _merge(self, state: TreeState) -> None:
         if state.survey != self.survey:
             return
-        theirs, ours = _rank(state.lineage, state.slots), _rank(self.lineage, self.slots.items())
-        if theirs > ours:
-            if problems(dict(state.slots), self._layout):
-                return  # not a tree: never to be flown
-            self.lineage = state.lineage
-            self.slots = dict(state.slots)
-            self.heals = state.heals
-            self._lost = set()
-            self._awaited = None
-            self._set_order(state.order)
-        elif theirs != ours:
-            return
-        self._lost |= set(state.lost) & self.slots.keys() - {self._drone}
+        if (state.lineage, state.slots) != (self.lineage, self._assigned):
+            theirs, ours = _rank(state.lineage, state.slots), _rank(self.lineage, self._assigned)
+            if theirs > ours:
+                if problems(dict(state.slots), self._layout):
+                    return  # not a tree: never to be flown
+                self._assign(state.lineage, dict(state.slots))
+                self.heals = state.heals
+                self._lost = set()
+                self._awaited = None
+                self._set_order(state.order)
+            elif theirs != ours:
+                return
+        if state.lost:
+            self._lost |= set(state.lost) & self.slots.keys() - {self._drone}
         if state.order is not None and (self.order is None or state.order.sequence > self.order.sequence):
             self._set_order(state.order)
         for reading in state.readings:
@@ -286,31 +288,29 @@ class SwarmTree:
 
     # -- losses and healing -----------------------------------------------------------------------------------
 
-    def _watch(self, now_s: float, belief: Belief) -> None:
+    def _watch(self, now_s: float, peers: Mapping[int, PeerFacts]) -> None:
         """Find out whether parent and children live, by their voice and by what they say of themselves."""
         if self.order is not None and self.order.stage in (Stage.FOUND, Stage.GIVE_UP):
             return  # everybody is on the way home
-        family = self._family()
+        family = self._relations()
         watched = set(family.children)
         if family.parent is not None:
             watched.add(family.parent)
         self._watched_since_s = {d: self._watched_since_s.get(d, now_s) for d in watched}
         early = now_s - self._started_s < JOIN_S
         for drone in sorted(watched - self._lost):
-            silence_s = min(belief.silence_s(now_s, drone), now_s - self._watched_since_s[drone])
-            peer = belief.peers.get(drone)
-            if peer is not None and peer.state.phase in TAKING_PART:
+            silence_s = min(_silence_s(now_s, peers, drone), now_s - self._watched_since_s[drone])
+            peer = peers.get(drone)
+            if peer is not None and peer.taking_part:
                 self._joined.add(drone)
             patience_s = JOIN_S if early and drone not in self._joined else self._lost_after_s
-            left = (
-                peer is not None
-                and peer.state.phase not in TAKING_PART
-                and (drone in self._joined or not early)
-            )
+            left = peer is not None and not peer.taking_part and (drone in self._joined or not early)
             if silence_s > patience_s or left:
                 self._lost.add(drone)
 
-    def _heal_if_mine(self, now_s: float, belief: Belief, own_position_ned_m: Vector3 | None) -> None:
+    def _heal_if_mine(
+        self, now_s: float, peers: Mapping[int, PeerFacts], own_position_ned_m: Vector3 | None
+    ) -> None:
         """Make the next epoch if this drone is the root of the healed tree."""
         if not self._lost:
             return
@@ -330,16 +330,13 @@ class SwarmTree:
         order = self.order or Order(0, Stage.FORM, self._start_ned_m, 0.0)
         anchor_ned_m = order.anchor_ned_m
         if order.stage is not Stage.FORM:
-            where = {
-                d: p.state.position_ned_m for d, p in belief.peers.items() if now_s - p.heard_s < HEARD_S
-            }
+            where = {d: p.position_ned_m for d, p in peers.items() if now_s - p.heard_s < HEARD_S}
             where[self._drone] = own_position_ned_m
             stay = {d: s for d, s in healed.slots.items() if self.slots[d] == s}
             anchor_ned_m = self._stopped_anchor(stay, order, where)
         order = msgspec.structs.replace(order, sequence=order.sequence + 1, anchor_ned_m=anchor_ned_m)
-        heard = sum(belief.silence_s(now_s, drone) < HEARD_S for drone in healed.slots)
-        self.lineage += ((1 + heard, self._drone),)
-        self.slots = dict(healed.slots)
+        heard = sum(_silence_s(now_s, peers, drone) < HEARD_S for drone in healed.slots)
+        self._assign((*self.lineage, (1 + heard, self._drone)), healed.slots)
         self.heals += 1
         self._lost = set()
         self._awaited = None
@@ -359,6 +356,12 @@ class SwarmTree:
             return order.anchor_ned_m
         north_m, east_m = (math.fsum(axis) / len(corners) for axis in zip(*corners, strict=True))
         return north_m, east_m, order.anchor_ned_m[2]
+
+
+def _silence_s(now_s: float, peers: Mapping[int, PeerFacts], drone: int) -> float:
+    """Seconds since `drone` was last heard directly; infinite if never."""
+    peer = peers.get(drone)
+    return now_s - peer.heard_s if peer is not None else math.inf
 
 
 def _counts_in(tree: TreeState, drone: int) -> bool:

@@ -18,7 +18,7 @@ import msgspec
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Order, Reading, Scalar, Wind
 
-VERSION = 2
+VERSION = 3
 
 
 class WireError(ValueError):
@@ -26,7 +26,7 @@ class WireError(ValueError):
 
 
 class Phase(enum.StrEnum):
-    """What one drone is doing. The transitions stand in `flightstack.flight.phase`."""
+    """What one drone is doing. The transitions stand in `flightstack.flight.transitions`."""
 
     DISARMED = "disarmed"
     ARMING = "arming"
@@ -40,6 +40,12 @@ class Phase(enum.StrEnum):
     LANDED = "landed"
     PILOT = "pilot"
     """A person or an autopilot failsafe has the vehicle; we send nothing until a command gives it back."""
+
+
+TAKING_PART = frozenset(
+    {Phase.ARMING, Phase.TAKEOFF, Phase.FORMING, Phase.SEARCHING, Phase.TRACKING, Phase.HOLDING}
+)
+"""The phases of a live member of the survey; any other phase after the start announces that it left."""
 
 
 class DroneState(msgspec.Struct, frozen=True, array_like=True, tag="state"):
@@ -77,6 +83,8 @@ class DroneState(msgspec.Struct, frozen=True, array_like=True, tag="state"):
     late_ticks: int = 0
     position_age_s: float = 0.0
     """Age of position and velocity when this was sent: a vehicle without GPS drifts away from what it says."""
+    word: bytes = b""
+    """What its strategy tells the neighbours' strategies, which alone know what it means."""
 
 
 class TreeState(msgspec.Struct, frozen=True, array_like=True, tag="tree"):

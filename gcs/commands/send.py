@@ -5,8 +5,9 @@ from __future__ import annotations
 import time
 
 from flightstack.swarm import topics
-from flightstack.swarm.wire import CommandName, CommandOutcome, DroneState, GroundReport, WireError
-from gcs.commands.survey import SurveyCommand
+from flightstack.swarm.admission import Admission, Message, Refusal
+from flightstack.swarm.wire import CommandName, CommandOutcome, DroneState, GroundReport
+from gcs.commands.survey_command import SurveyCommand
 from gcs.connection import Connection
 
 POLL_S = 0.05
@@ -15,6 +16,7 @@ POLL_S = 0.05
 def command_swarm(connection: Connection, name: CommandName, target: int, deadline_s: float) -> SurveyCommand:
     """Publish the command until everybody has answered or `deadline_s` of real time has passed."""
     node = connection.node("command")
+    admission = Admission()  # whoever answers is listed, also a drone of another frame
     transport = connection.open(node)
     try:
         command = SurveyCommand(
@@ -32,17 +34,16 @@ def command_swarm(connection: Connection, name: CommandName, target: int, deadli
             for received in transport.receive():
                 if received.topic not in (topics.STATE, topics.OUTCOME, topics.REPORT):
                     continue
-                try:
-                    _take(command, received.topic.codec.decode(received.payload))
-                except WireError:
-                    # Not of our version: such a drone cannot answer us either, and is shown as not heard.
-                    continue
+                message = admission.admit(received)
+                # A drone of another version cannot answer us either, and is shown as not heard.
+                if not isinstance(message, Refusal):
+                    _take(command, message)
     finally:
         transport.close()
     return command
 
 
-def _take(command: SurveyCommand, message: object) -> None:
+def _take(command: SurveyCommand, message: Message) -> None:
     match message:
         case DroneState():
             command.heard(message.sender)

@@ -16,7 +16,7 @@ import msgspec
 from flightstack.mavlink.codec import MavlinkMessage
 from flightstack.mavlink.vehicle_state import HEARTBEAT_LOST_S, Role
 from flightstack.swarm import topics
-from flightstack.swarm.admission import is_estimate, is_wind, refusal
+from flightstack.swarm.admission import Admission, Fault, Message, Refusal
 from flightstack.swarm.wire import (
     Command,
     CommandOutcome,
@@ -25,7 +25,6 @@ from flightstack.swarm.wire import (
     GroundReport,
     HeardVehicle,
     TreeState,
-    WireError,
 )
 from flightstack.transport import Received
 from gcs.fleet.agents import HeardAgent
@@ -38,7 +37,7 @@ _COMMANDS_KEPT = 64
 
 
 class Garbled(msgspec.Struct, frozen=True):
-    """Messages of a node that could not be read."""
+    """Messages of a node that could not be read, or cannot be."""
 
     count: int
     text: str
@@ -103,6 +102,7 @@ class FleetView:
         self.started_s = started_s
         self.agents: dict[int, HeardAgent] = {}
         self.vehicles = Vehicles(frame)
+        self._admission = Admission(self.members, frame.identity if frame is not None else None)
         self.events: deque[tuple[float, Event]] = deque(maxlen=_EVENTS_KEPT)
         self.asked: dict[str, Asked] = {}
         self.garbled: dict[str, Garbled] = {}
@@ -159,26 +159,17 @@ class FleetView:
             agent.flown = False
         return component
 
-    def receive_peer(self, now_s: float, received: Received) -> msgspec.Struct | None:
-        """Take one message of the swarm; returns it decoded, None where it cannot be read."""
-        try:
-            message: msgspec.Struct = received.topic.codec.decode(received.payload)
-        except WireError as error:
-            self._not_understood(now_s, received.sender, str(error))
-            return None
-        if isinstance(message, DroneState | TreeState | CommandOutcome | Event):
-            by_proxy = isinstance(message, CommandOutcome | Event) and not received.sender.isdecimal()
-            if received.sender != str(message.sender) and not by_proxy:
-                text = f"calls itself drone {message.sender} in a message of topic {received.topic.name}"
-                self._not_understood(now_s, received.sender, text)
+    def receive_peer(self, now_s: float, received: Received) -> Message | None:
+        """Take one message of the swarm; returns it, None where it is not to be believed."""
+        message = self._admission.admit(received)
+        if isinstance(message, Refusal):
+            shown = self._shown(message)
+            if shown is None:
+                self._refused(now_s, received.sender, message)
                 return None
+            message = shown
         match message:
             case DroneState():
-                reason = refusal(message, ())
-                if reason:
-                    self._not_understood(now_s, received.sender, reason)
-                    return None
-                message = _without_nonsense(message)
                 self.agent(message.sender).receive_state(now_s, message)
             case TreeState():
                 agent = self.agent(message.sender)
@@ -196,9 +187,18 @@ class FleetView:
                 self.report, self.report_s = message, now_s
         return message
 
-    def _not_understood(self, now_s: float, sender: str, text: str) -> None:
+    def _shown(self, refusal: Refusal) -> DroneState | None:
+        """The state of a drone that no member of the swarm believes, for it is of another swarm or in another frame:
+        a person must see that it is there, and what is wrong with it."""
+        foreign = refusal.fault in (Fault.STRANGER, Fault.FOREIGN_FRAME)
+        return refusal.message if foreign and isinstance(refusal.message, DroneState) else None
+
+    def _refused(self, now_s: float, sender: str, refusal: Refusal) -> None:
+        """Remember for an alarm what a node says wrong; of strangers and foreign frames their states tell already."""
+        if refusal.fault in (Fault.STRANGER, Fault.FOREIGN_FRAME):
+            return
         before = self.garbled.get(sender)
-        self.garbled[sender] = Garbled(before.count + 1 if before else 1, text, now_s)
+        self.garbled[sender] = Garbled(before.count + 1 if before else 1, refusal.reason, now_s)
 
     def _command(self, now_s: float, command: Command) -> None:
         if command.identity in self.asked:
@@ -312,17 +312,6 @@ class FleetView:
             frame_matches=self.frame_matches(drone),
             notes=state.notes if state is not None and live else (),
         )
-
-
-def _without_nonsense(state: DroneState) -> DroneState:
-    """An estimate that is no number is not known; the rest of what the drone says holds."""
-    battery = state.battery_fraction
-    return msgspec.structs.replace(
-        state,
-        battery_fraction=battery if battery is not None and math.isfinite(battery) else None,
-        excess_co2_ppm=state.excess_co2_ppm if is_estimate(state.excess_co2_ppm) else None,
-        wind=state.wind if is_wind(state.wind) else None,
-    )
 
 
 def _health(age_s: float, live: bool) -> Health:

@@ -7,11 +7,12 @@ MAVLink message; time appears only as ages and as seconds since the survey began
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping
-from typing import Protocol
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple, Protocol
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from mission.geometry.frames import Vector3
 
@@ -64,14 +65,8 @@ class Order(msgspec.Struct, frozen=True, array_like=True):
     """Rotation of the whole formation about the anchor, from north towards east."""
     source_ned_m: Vector3 | None = None
     """The estimated source, when the stage is FOUND."""
-    search_radius_m: float = -1.0
-    """How far out the search has got, negative before its first point: a new root goes on from here."""
-    search_start_ned_m: Vector3 | None = None
-    """Where the search began; None before it did."""
-    best: Reading | None = None
-    """The reading that a better one must beat, None without contact."""
-    waypoints_since_best: int = 0
-    """How many waypoints have been visited since `best` was taken."""
+    note: bytes = b""
+    """What the strategy's next root needs to go on (`mission.strategies.packed`); nobody else reads it."""
 
 
 class OwnState(msgspec.Struct, frozen=True):
@@ -96,6 +91,31 @@ class Neighbour(msgspec.Struct, frozen=True):
     wind: Wind | None = None
     adrift: bool = False
     """Its agent is silent: it will not make way, wherever the ground station says that it is."""
+    word: bytes = b""
+    """The newest `Decision.word` of its strategy, empty without one."""
+
+
+class NeighbourArrays(NamedTuple):
+    """Neighbours as a compiled rule takes them, one row a drone, in the order in which they were given."""
+
+    drone: NDArray[np.int64]
+    """(n,)"""
+    position_ned_m: NDArray[np.float64]
+    """(n, 3)"""
+    velocity_ned_mps: NDArray[np.float64]
+    """(n, 3)"""
+    age_s: NDArray[np.float64]
+    """(n,)"""
+
+
+def neighbour_arrays(neighbours: Sequence[Neighbour]) -> NeighbourArrays:
+    """`neighbours` as arrays."""
+    return NeighbourArrays(
+        np.array([n.drone for n in neighbours], dtype=np.int64),
+        np.array([n.position_ned_m for n in neighbours], dtype=np.float64).reshape(-1, 3),
+        np.array([n.velocity_ned_mps for n in neighbours], dtype=np.float64).reshape(-1, 3),
+        np.array([n.age_s for n in neighbours], dtype=np.float64),
+    )
 
 
 class TreePlace(msgspec.Struct, frozen=True):
@@ -123,6 +143,8 @@ class Observation(msgspec.Struct, frozen=True):
     readings: tuple[Reading, ...]
     """At the root: the readings of all members for the current order that have come up the tree so far.
     Elsewhere: those of the drone's own subtree."""
+    ranges_m: tuple[tuple[float, float], ...] = ()
+    """(bearing_rad from north towards east, range_m to what is there), one a beam; empty without a range finder."""
 
 
 class GoTo(msgspec.Struct, frozen=True, tag=True):
@@ -152,6 +174,9 @@ class Decision(msgspec.Struct, frozen=True):
     """This drone's reading for the current order, once it has one; the tree carries it to the root."""
     order: Order | None = None
     """A new order for the whole swarm; only the root may give one."""
+    word: bytes = b""
+    """What the neighbours' strategies shall hear of this drone's (`mission.strategies.packed`): said again with every
+    state until another word replaces it."""
 
 
 class Strategy(Protocol):

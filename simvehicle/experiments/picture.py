@@ -169,3 +169,8 @@ def film(trial: RecordedTrial, cell: Cell, path: pathlib.Path) -> None:
                     writer.grab_frame()
         except OSError as error:
             raise TrialsError(f"{path}: {error.strerror or error}") from error
+
+
+def save(figure: Figure, path: pathlib.Path) -> None:
+    """Write a PNG of moderate size."""
+    figure.savefig(path, dpi=110)

@@ -54,10 +54,11 @@ class ReportedVehicle:
         for message in self._codec.receive(self._now_s, data):
             if not self._vehicle.hear(self._now_s, message):
                 continue
+            fields = message.fields
             if message.name == "COMMAND_ACK" and self._codec.is_answer_to_us(message):
-                self._streams.acknowledge(self._now_s, message.fields.command, message.fields.result)
+                self._streams.acknowledge(self._now_s, fields.command, fields.result)
             elif message.name == "PARAM_VALUE":
-                self._confirm(str(message.fields.param_id), message.fields.param_value)
+                self._confirm(fields.param_id, fields.param_value)
         self._vehicle.clear_news()
         if self._boot_s is None and self._vehicle.boot_ms is not None:
             self._boot_s = self._now_s - self._vehicle.boot_ms * 1e-3

@@ -1,7 +1,7 @@
 """A whole swarm in one process, on simulated time: the same agents, autopilots, instruments and bytes as in flight.
 
-Deterministic by seed and as fast as the machine allows: thousands of faulty flights as tests. Nothing here is
-faster or simpler than in flight except the waiting.
+Deterministic by seed and as fast as the machine allows: `pytest tests/scenario` flies whole surveys under faults.
+Nothing here is faster or simpler than in flight except the waiting.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from mission.geometry.frames import Vector3
 from simvehicle.drone.drones import NOTHING, Drone, DroneBytes, SimulatedDrones
 from simvehicle.drone.simulated_vehicle import SimulatedVehicle
 from simvehicle.fleet.fleet_config import FleetConfig
+from simvehicle.fleet.fleet_problems import problems
 from simvehicle.world.configured import make_world
 
 TICK_S = 0.1
@@ -65,7 +66,12 @@ class Scenario:
         *,
         ground_watches: bool = True,
     ) -> None:
-        """`ground_watches`: a ground station tells the swarm where vehicles without agents are."""
+        """`ground_watches`: a ground station tells the swarm where vehicles without agents are.
+
+        `FleetError` for a fleet that cannot be flown, as everywhere.
+        """
+        for problem in problems(fleet):
+            raise problem
         self.now_s = 0.0
         self.world = make_world(fleet)
         self.radio = radio or MemoryRadio(seed=fleet.seed)

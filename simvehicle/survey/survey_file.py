@@ -137,7 +137,18 @@ def load(
 
     `DocumentError` says in one line what is wrong, where, and how to mend it.
     """
-    file, text = str(path), read_text(path)
+    return parse_survey(read_text(path), str(path), speedup=speedup, seed=seed, extra_faults=extra_faults)
+
+
+def parse_survey(
+    text: str,
+    file: str,
+    *,
+    speedup: float | None = None,
+    seed: int | None = None,
+    extra_faults: tuple[FaultSpec, ...] = (),
+) -> Survey:
+    """As `load`, from the text; `file` stands in the errors, and a fence's own file is looked for beside it."""
     config = parse(text, SurveyConfig, file)
     config = msgspec.structs.replace(
         config,

@@ -79,7 +79,7 @@ class Gaussian:
         excesses_ppm = np.empty(len(positions_ned_m))
         vent_ned_m = np.array([self._north_m, self._east_m, -self._height_m])
         gaussian_excesses(
-            positions_ned_m,
+            np.ascontiguousarray(positions_ned_m, np.float64),
             vent_ned_m,
             self._cos,
             self._sin,
@@ -116,7 +116,12 @@ class LocusGrid:
 
         excesses_ppm = np.empty(len(positions_ned_m))
         locus_grid_excesses(
-            positions_ned_m, self._grid, self._north_m, self._east_m, self._peak_ppm, excesses_ppm
+            np.ascontiguousarray(positions_ned_m, np.float64),
+            self._grid,
+            self._north_m,
+            self._east_m,
+            self._peak_ppm,
+            excesses_ppm,
         )
         return excesses_ppm
 

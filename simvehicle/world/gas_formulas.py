@@ -87,8 +87,9 @@ def locus_grid_source_m(grid: FloatArray) -> tuple[float, float]:
 
 def locus_grid_value(grid: FloatArray, downwind_m: float, crosswind_m: float) -> float:
     """The value of the cell that a point lies in, relative to the plume's origin; 0 outside the grid."""
-    rows = downwind_m * _CELLS_PER_M
-    columns = (crosswind_m + LOCUS_WIDTH_M / 2.0) * _CELLS_PER_M
-    if 0.0 <= rows < grid.shape[0] and 0.0 <= columns < grid.shape[1]:
-        return float(grid[int(rows), int(columns)])
+    rows, columns = grid.shape
+    row = downwind_m * _CELLS_PER_M
+    column = (crosswind_m + LOCUS_WIDTH_M / 2.0) * _CELLS_PER_M
+    if 0.0 <= row < rows and 0.0 <= column < columns:
+        return float(grid[int(row), int(column)])
     return 0.0

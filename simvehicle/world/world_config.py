@@ -28,7 +28,7 @@ class GaussianPlume(
     source_above_home_m: Annotated[float, Meta(ge=0.0)] = 10.0
     """Effective release height: the vent's height plus the plume's rise."""
     emission_kgps: Annotated[float, Meta(gt=0.0)] = 1.0
-    vent_sd_m: Annotated[float, Meta(gt=0.0, le=1000.0)] = 4.0
+    vent_sd_m: Annotated[float, Meta(ge=0.001, le=1000.0)] = 4.0
     """Standard deviation of the plume's cross-section at the vent."""
 
 

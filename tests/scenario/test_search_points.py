@@ -22,6 +22,7 @@ from mission.strategies.contract import (
     Strategy,
     TreePlace,
 )
+from mission.strategies.locus.note import note_of
 from mission.strategies.registry import make
 from mission.tree.balanced_tree import heal, place
 
@@ -213,8 +214,8 @@ def test_a_new_root_goes_on_where_the_lost_one_was(seed: int) -> None:
     assert before.stage is Stage.SEARCH
     swarm.lose(1)
     swarm.run(100.0)
-    assert swarm.order.search_radius_m > before.search_radius_m
-    assert swarm.order.search_start_ned_m == before.search_start_ned_m
+    assert note_of(swarm.order).search_radius_m > note_of(before).search_radius_m
+    assert note_of(swarm.order).search_start_ned_m == note_of(before).search_start_ned_m
     swarm.run_until(Stage.TRACK)
     root = next(drone for drone, slot in swarm.slots.items() if slot == 0)
     swarm.run(swarm.now_s + 10.0)
@@ -239,8 +240,9 @@ def test_a_broken_sensor_neither_blocks_nor_misleads() -> None:
         swarm.points[3].sensor_works = False
         swarm.run(2500.0)
         assert error_m(swarm, plume) < 5.0
-        assert swarm.order.best is not None
-        assert swarm.order.best.drone != 3
+        best = note_of(swarm.order).best
+        assert best is not None
+        assert best.drone != 3
 
 
 def test_a_drone_that_is_held_back_does_not_stop_the_swarm() -> None:
@@ -249,7 +251,7 @@ def test_a_drone_that_is_held_back_does_not_stop_the_swarm() -> None:
     held = swarm.points[2]
     held.fly = lambda target: held.velocity.fill(0.0)  # type: ignore[method-assign]
     swarm.run(60.0)
-    assert swarm.order.search_radius_m > 1.0
+    assert note_of(swarm.order).search_radius_m > 1.0
 
 
 def test_an_empty_area_is_given_up() -> None:
@@ -257,7 +259,7 @@ def test_an_empty_area_is_given_up() -> None:
     swarm.run(2500.0)
     assert swarm.order.stage is Stage.GIVE_UP
     assert swarm.order.source_ned_m is None
-    assert all(order.best is None for order in swarm.orders)
+    assert all(note_of(order).best is None for order in swarm.orders)
 
 
 def test_holding_while_healing() -> None:

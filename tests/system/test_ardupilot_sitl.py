@@ -15,7 +15,7 @@ import sys
 import pytest
 
 from simvehicle.hil.sitl_fleet import fleet_command
-from simvehicle.survey.fly import fly
+from simvehicle.survey.conduct import fly
 from simvehicle.survey.supervisor import SurveyOutcome
 from simvehicle.survey.survey_file import load
 

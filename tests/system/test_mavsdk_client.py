@@ -225,7 +225,8 @@ async def take_off(client: Client, vehicle: SimulatedVehicle) -> None:
 
 
 async def go_to(client: Client, vehicle: SimulatedVehicle) -> None:
-    await asyncio.sleep(0.5)  # PX4 changes from its take-off mode to Hold by itself
+    # PX4 changes from its take-off mode to Hold by itself, and would leave the goal for it.
+    await until("the take-off is over", lambda: vehicle.mode != "TAKEOFF")
     await client.action.goto_location(-5.0598, 151.3, 512.0, 0.0)
     await until("22 m north, 12 m up", lambda: at(vehicle, 22.1, 0.0, 12.0))
 

@@ -17,7 +17,7 @@ What departs from the paper, and why:
   finds a plume's ridge but hardly climbs along it.
 * The paper stops by knowing the answer (within 1 m of the maximum). Here the root declares the source found when
   the best reading has not been beaten during `patience` waypoints, and estimates its place from the readings.
-* All that a new root needs to go on is in the `Order`.
+* All that a new root needs to go on is in the order and its `LocusNote`.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ from mission.geometry.frames import Vector3
 from mission.strategies.arrival import Arrival
 from mission.strategies.contract import Decision, GoTo, Hold, Observation, Order, Reading, Stage
 from mission.strategies.locus.gradient import plane_gradient, waypoint_uphill
+from mission.strategies.locus.note import LocusNote, note_of, noted
 from mission.strategies.locus.spiral import arm_spacing_m, spiral_index, spiral_point
 
 Positive = Annotated[float, Meta(gt=0.0)]
@@ -176,17 +177,17 @@ class Locus:
 
     def _next(self, order: Order, drones: int, rng: np.random.Generator) -> Order:
         """The order after `order`, from the readings of the last two waypoints (2 x swarm size readings)."""
-        start = order.search_start_ned_m or self._p.start_ned_m or order.anchor_ned_m
+        note = note_of(order)
+        start = note.search_start_ned_m or self._p.start_ned_m or order.anchor_ned_m
         current = [r for r in self._window.values() if r.order == order.sequence]
-        order = msgspec.structs.replace(
-            self._with_best(order, current), sequence=order.sequence + 1, search_start_ned_m=start
-        )
+        note = msgspec.structs.replace(self._with_best(note, current), search_start_ned_m=start)
+        order = noted(msgspec.structs.replace(order, sequence=order.sequence + 1), note)
         window = sorted(self._window.values(), key=lambda r: r.order)[-2 * drones :]
         uphill, north_m, east_m = self._uphill(order, window, rng)
-        if order.best is not None and order.waypoints_since_best >= self._p.patience:
-            # A long wait, or a new root, may have forgotten the contact; then only the order still has it.
+        if note.best is not None and note.waypoints_since_best >= self._p.patience:
+            # A long wait, or a new root, may have forgotten the contact; then only the note still has it.
             known = list(self._window.values())
-            known += [] if order.best in known else [order.best]
+            known += [] if note.best in known else [note.best]
             source = estimate_source(known, self._layout.spacing_m, self._wind_ned_mps)
             return msgspec.structs.replace(order, stage=Stage.FOUND, anchor_ned_m=source, source_ned_m=source)
         if uphill:
@@ -197,14 +198,14 @@ class Locus:
                 anchor_ned_m=(north_m, east_m, order.anchor_ned_m[2]),
                 rotation_rad=(order.rotation_rad + turn_rad) % (2.0 * math.pi),
             )
-        if order.best is not None and not self._is_at(order, order.best.position_ned_m):
-            north_m, east_m, _ = order.best.position_ned_m
+        if note.best is not None and not self._is_at(order, note.best.position_ned_m):
+            north_m, east_m, _ = note.best.position_ned_m
             return msgspec.structs.replace(
                 order, stage=Stage.TRACK, anchor_ned_m=(north_m, east_m, order.anchor_ned_m[2])
             )
-        return self._next_search(order, start, drones)
+        return self._next_search(order, note, start, drones)
 
-    def _next_search(self, order: Order, start: Vector3, drones: int) -> Order:
+    def _next_search(self, order: Order, note: LocusNote, start: Vector3, drones: int) -> Order:
         """The next point of the spiral; the same one again if a heal stopped the swarm before it was reached.
 
         Only the radius is carried on: a swarm that has become smaller flies narrower arms from there on.
@@ -216,21 +217,19 @@ class Locus:
             return start[0] + north_m, start[1] + east_m, order.anchor_ned_m[2]
 
         index = 0
-        if order.search_radius_m >= 0.0:
-            index = math.ceil(spiral_index(order.search_radius_m, arms_m, even=True) - _SAME_INDEX)
+        if note.search_radius_m >= 0.0:
+            index = math.ceil(spiral_index(note.search_radius_m, arms_m, even=True) - _SAME_INDEX)
             if order.stage is not Stage.SEARCH or self._is_at(order, point(index)):
                 index += 1
         anchor = point(index)
         radius_m = math.dist(anchor[:2], start[:2])
         outside = radius_m > self._p.search_radius_m
-        return msgspec.structs.replace(
+        order = msgspec.structs.replace(
             order,
             stage=Stage.GIVE_UP if outside else Stage.SEARCH,
             anchor_ned_m=order.anchor_ned_m if outside else anchor,
-            search_radius_m=radius_m,
-            best=None,
-            waypoints_since_best=0,
         )
+        return noted(order, LocusNote(radius_m, start))
 
     def _is_at(self, order: Order, point_ned_m: Vector3) -> bool:
         return math.dist(order.anchor_ned_m[:2], point_ned_m[:2]) <= _SAME_PLACE_M
@@ -240,21 +239,21 @@ class Locus:
         least_ppm = max(self._p.detection_ppm, self._p.detection_sigmas * math.sqrt(reading.variance_ppm2))
         return reading.excess_co2_ppm if reading.excess_co2_ppm > least_ppm else 0.0
 
-    def _with_best(self, order: Order, current: list[Reading]) -> Order:
-        """`order` with the best reading brought up to date."""
+    def _with_best(self, note: LocusNote, current: list[Reading]) -> LocusNote:
+        """`note` with the best reading brought up to date."""
         contacts = [reading for reading in current if self._excess_ppm(reading) > 0.0]
         top = max(contacts, key=lambda reading: reading.excess_co2_ppm, default=None)
-        best = order.best
+        best = note.best
         if top is not None:
             beat_ppm = 0.0
             if best is not None:
                 beat_ppm = best.excess_co2_ppm * (1.0 + self._p.improvement_fraction)
                 beat_ppm += math.sqrt(top.variance_ppm2 + best.variance_ppm2)
             if top.excess_co2_ppm > beat_ppm:
-                return msgspec.structs.replace(order, best=top, waypoints_since_best=0)
+                return msgspec.structs.replace(note, best=top, waypoints_since_best=0)
         if best is None:
-            return order
-        return msgspec.structs.replace(order, waypoints_since_best=order.waypoints_since_best + 1)
+            return note
+        return msgspec.structs.replace(note, waypoints_since_best=note.waypoints_since_best + 1)
 
     def _uphill(
         self, order: Order, window: list[Reading], rng: np.random.Generator

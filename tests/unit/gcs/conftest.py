@@ -29,7 +29,7 @@ def frame() -> LocalFrame:
     return FRAME
 
 
-class Autopilot:
+class SpeakingAutopilot:
     """A vehicle's autopilot as a source of bytes. ArduPilot unless told otherwise."""
 
     def __init__(self, system: int, *, px4: bool = False) -> None:
@@ -99,8 +99,8 @@ class Autopilot:
 
 
 @pytest.fixture
-def autopilot() -> Callable[..., Autopilot]:
-    return Autopilot
+def autopilot() -> Callable[..., SpeakingAutopilot]:
+    return SpeakingAutopilot
 
 
 def make_state(drone: int, **changes: Any) -> DroneState:
@@ -130,17 +130,18 @@ def make_state(drone: int, **changes: Any) -> DroneState:
     return msgspec.structs.replace(state, **changes)
 
 
-def make_tree(drone: int, members: tuple[int, ...], **changes: Any) -> TreeState:
+def make_tree(drone: int, members: tuple[int, ...], *, epoch: int = 1, **changes: Any) -> TreeState:
     tree = TreeState(
         sender=drone,
         incarnation=100 + drone,
         frame=FRAME.identity,
-        epoch=1,
+        epoch=epoch,
         author=1,
         slots=tuple((member, index) for index, member in enumerate(members)),
         lost=(),
         order=None,
         readings=(),
+        lineage=((len(members), 1),) * epoch,
     )
     return msgspec.structs.replace(tree, **changes)
 
@@ -171,14 +172,14 @@ def on_air() -> Callable[..., Received]:
     return received
 
 
-class Fleet:
+class TalkingFleet:
     """A fleet view with agents that keep talking; a test silences whom it likes."""
 
     def __init__(self, members: tuple[int, ...] = (1, 2, 3)) -> None:
         self.view = FleetView(members, FRAME, 0.0)
         self.talking: dict[int, dict[str, Any]] = {member: {} for member in members}
         self.trees: dict[int, TreeState] = {}
-        self.flying: dict[int, Autopilot] = {}
+        self.flying: dict[int, SpeakingAutopilot] = {}
         self._sequence = 0
 
     def tick(self, now_s: float) -> FleetView:
@@ -195,8 +196,8 @@ class Fleet:
 
 
 @pytest.fixture
-def fleet() -> Callable[..., Fleet]:
-    return Fleet
+def fleet() -> Callable[..., TalkingFleet]:
+    return TalkingFleet
 
 
 @pytest.fixture

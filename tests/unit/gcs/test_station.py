@@ -11,15 +11,19 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from flightstack.mavlink.codec import MavlinkCodec
 from flightstack.swarm import topics
 from flightstack.swarm.wire import Command, CommandName, Phase, Result
+from flightstack.transport.memory import MemoryRadio
+from gcs.connection import RECEIVED
 from gcs.station import Station
 
 
-class World:
-    """A station with agents and vehicles round it, at 10 Hz of simulated time."""
+class Surroundings:
+    """A station with agents on its radio and vehicles on its link, at 10 Hz of simulated time."""
 
     def __init__(self, config, state, on_air):
         self.station = Station(config, None, 0.0)
         self.state, self.on_air = state, on_air
+        self.radio = MemoryRadio()
+        self.nodes = {"ground": self.radio.join("ground", RECEIVED)}
         self.agents = {1: {}, 2: {}, 3: {}}
         self.vehicles = []
         self.published = []
@@ -32,15 +36,25 @@ class World:
         self._reader = MavlinkCodec(1, 1, events=mavlink.mavlink_map.keys())
         self.now_s = 0.0
 
+    def say(self, message):
+        """Put a message on the air as its sender."""
+        topic, sender, payload = self.on_air(message)
+        if sender not in self.nodes:
+            self.nodes[sender] = self.radio.join(sender, ())
+        self.nodes[sender].publish(topic, payload)
+
     def run(self, seconds, *messages):
         for index in range(round(seconds * 10)):
             tick = next(self._tick)
             self.now_s = tick / 10
-            peers = [self.on_air(m) for m in messages] if index == 0 else []
+            for message in messages if index == 0 else ():
+                self.say(message)
             if tick % 2 == 0:
-                peers += [self.on_air(self.state(d, sequence=tick, **c)) for d, c in self.agents.items()]
+                for drone, changes in self.agents.items():
+                    self.say(self.state(drone, sequence=tick, **changes))
+            self.radio.step(self.now_s)
             data = b"".join(v.everything() for v in self.vehicles) if tick % 5 == 0 else b""
-            outputs = self.station.step(self.now_s, peers, [data])
+            outputs = self.station.step(self.now_s, self.nodes["ground"].receive(), [data])
             self.published += [(self.now_s, topic, message) for topic, message in outputs.publish]
             for frame, message in self._reader.receive_frames(self.now_s, outputs.writes[0]):
                 self.sequences.append(frame.sequence)
@@ -59,7 +73,7 @@ class World:
 
 @pytest.fixture
 def world(ground_config, state, on_air):
-    return World(ground_config, state, on_air)
+    return Surroundings(ground_config, state, on_air)
 
 
 def test_heartbeats_and_beats_once_a_second(world):

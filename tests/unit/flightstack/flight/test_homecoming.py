@@ -7,7 +7,7 @@ import msgspec
 from flightstack.autopilot import AutopilotSession, VehicleReport
 from flightstack.config import AutopilotConfig, LimitsConfig
 from flightstack.flight.guidance import horizontal_m
-from flightstack.flight.homecoming import CHOOSE_EVERY_S, LANDING_HEIGHT_M, STUCK_S, Homecoming, Leaving
+from flightstack.flight.homecoming import CHOOSE_EVERY_S, LANDING_HEIGHT_M, STUCK_S, Homecoming
 from mission.geometry.frames import Geodetic, LocalFrame, Vector3
 from mission.strategies.contract import GoTo, Hold, Neighbour
 
@@ -86,20 +86,3 @@ def test_a_minute_without_getting_nearer_is_stuck_and_a_descent_is_no_standstill
         assert not homecoming.stuck
     homecoming.step(300.0, at((0.0, 0.0, -0.6)), (), returning=False)
     assert not homecoming.stuck
-
-
-def test_a_sag_of_the_battery_is_no_reason_to_leave_and_a_low_one_is() -> None:
-    leaving = Leaving(LimitsConfig())
-    assert leaving.reason(0.0, 0.2, None) == ""
-    assert leaving.reason(2.0, 0.3, None) == ""
-    assert leaving.reason(3.0, 0.2, None) == ""
-    assert leaving.reason(6.5, 0.2, None) == "battery at 20%, below 25%"
-    assert leaving.reason(7.0, None, None) == ""
-
-
-def test_a_silent_ground_station_is_a_reason_only_where_it_is_configured() -> None:
-    assert Leaving(LimitsConfig()).reason(100.0, 1.0, 1.0) == ""
-    leaving = Leaving(LimitsConfig(ground_lost_s=30.0))
-    assert leaving.reason(100.0, 1.0, None) == ""
-    assert leaving.reason(30.0, 1.0, 1.0) == ""
-    assert leaving.reason(32.0, 1.0, 1.0) == "ground station silent for more than 30 s"

@@ -7,17 +7,9 @@ import itertools
 import msgspec
 import pytest
 
-from flightstack.flight.phase import (
-    AFTER,
-    STEERING,
-    TAKING_PART,
-    Ask,
-    FlightPhase,
-    PhaseStep,
-    SwarmFacts,
-    VehicleFacts,
-)
-from flightstack.swarm.wire import Command, CommandName, Phase, Result, Severity
+from flightstack.flight.phase import Ask, FlightPhase, PhaseStep, SwarmFacts, VehicleFacts
+from flightstack.flight.transitions import STEERING
+from flightstack.swarm.wire import TAKING_PART, Command, CommandName, Phase, Result, Severity
 from mission.strategies.contract import Order, Stage
 
 GROUND = VehicleFacts(
@@ -275,7 +267,13 @@ def test_a_survey_does_not_start_from_outside_the_fence() -> None:
     assert step.phase is Phase.DISARMED
 
 
-def test_every_change_is_in_the_table() -> None:
-    assert set(AFTER) == set(Phase)
-    for phase, following in AFTER.items():
-        assert phase not in following
+def test_a_drone_that_somebody_flies_again_obeys_what_brings_it_down() -> None:
+    """Landed, then taken up by remote control: what is answered is what is done."""
+    flight = Flight().to(Phase.RETURNING)
+    flight.step(UP, msgspec.structs.replace(ALONE, over_home=True))
+    assert flight.step(GROUND).phase is Phase.LANDED
+    flown = msgspec.structs.replace(UP, ours=False, mode="LOITER")
+    step = flight.step(flown, ALONE, flight.command(CommandName.ABORT))
+    assert (step.phase, step.outcomes[0].result, step.asks) == (Phase.LANDED, Result.REFUSED, ())
+    step = flight.step(flown, ALONE, flight.command(CommandName.RTL))
+    assert (step.phase, step.outcomes[0].result, step.asks) == (Phase.LANDING, Result.ACCEPTED, (Ask.RETURN,))

@@ -15,18 +15,33 @@ from flightstack.agent import Agent, Inputs, PeerMessage
 from flightstack.config_file import load
 from flightstack.flight.strategy_call import consult
 from flightstack.swarm import topics
-from flightstack.swarm.admission import LONGEST_WORD, flaw, refusal
+from flightstack.swarm.admission import (
+    ANYBODY,
+    LONGEST_WORD,
+    NOTE_AT_MOST_BYTES,
+    WORD_AT_MOST_BYTES,
+    Admission,
+    Fault,
+    Refusal,
+    flaw,
+    refusal,
+)
 from flightstack.swarm.topics import Topic
 from flightstack.swarm.wire import (
+    VERSION,
     Command,
     CommandName,
+    CommandOutcome,
     DroneState,
+    Event,
     Phase,
+    Result,
     Severity,
     Traffic,
     TrafficVehicle,
     TreeState,
 )
+from flightstack.transport import Received
 from mission.strategies.contract import (
     Decision,
     GoTo,
@@ -44,7 +59,7 @@ EXAMPLE = pathlib.Path(__file__).parents[4] / "examples" / "drone.yaml"
 MEMBERS = (1, 2, 3, 4, 5)
 NAN, INF = math.nan, math.inf
 READING = Reading(2, 7, (1.0, 2.0, -10.0), 40.0, 4.0)
-ORDER = Order(7, Stage.TRACK, (1.0, 2.0, -10.0), 0.5, None, 3.0, (0.0, 0.0, -10.0), READING, 2)
+ORDER = Order(7, Stage.TRACK, (1.0, 2.0, -10.0), 0.5, None, b"note")
 SLOTS = tuple((drone, slot) for slot, drone in enumerate(MEMBERS))
 TREE = TreeState(2, 1, 0, 2, 2, SLOTS, (), ORDER, (READING,), 2, "survey", ((4, 1), (3, 2)))
 STATE = DroneState(
@@ -107,12 +122,8 @@ def test_a_drone_without_a_sensor_reports_a_reading_of_infinite_variance() -> No
         replace(TREE, order=replace(ORDER, sequence=2**64 - 1)),
         replace(TREE, order=replace(ORDER, anchor_ned_m=(NAN, 0.0, 0.0))),
         replace(TREE, order=replace(ORDER, rotation_rad=INF)),
-        replace(TREE, order=replace(ORDER, search_radius_m=INF)),
-        replace(TREE, order=replace(ORDER, search_start_ned_m=(0.0, 1e9, 0.0))),
         replace(TREE, order=replace(ORDER, source_ned_m=(0.0, NAN, 0.0))),
-        replace(TREE, order=replace(ORDER, best=replace(READING, excess_co2_ppm=0.0))),
-        replace(TREE, order=replace(ORDER, best=replace(READING, variance_ppm2=INF))),
-        replace(TREE, order=replace(ORDER, waypoints_since_best=-(2**62))),
+        replace(TREE, order=replace(ORDER, note=bytes(NOTE_AT_MOST_BYTES + 1))),
         replace(COMMAND, identity=""),
         replace(COMMAND, identity="x" * (LONGEST_WORD + 1)),
         replace(COMMAND, sender="a\nb"),
@@ -121,6 +132,97 @@ def test_a_drone_without_a_sensor_reports_a_reading_of_infinite_variance() -> No
 )
 def test_what_cannot_be_is_refused(bad: object) -> None:
     assert refusal(bad, MEMBERS) != ""
+
+
+def said(state: DroneState, sender: str | None = None) -> Received:
+    return Received(topics.STATE, sender or str(state.sender), topics.STATE.codec.encode(state))
+
+
+@pytest.mark.parametrize(
+    ("item", "why"),
+    [
+        (said(replace(STATE, frame=1)), "another frame"),
+        (said(replace(STATE, sender=9)), "not in swarm.members"),
+        (said(replace(STATE, sender=1)), "another node also says that it is drone 1"),
+        (said(STATE, sender="3"), "came under the name 3"),
+        (Received(topics.STATE, "2", bytes([VERSION]) + b"garbage"), "not a DroneState"),
+        (Received(topics.STATE, "2", b"\x09" + said(STATE).payload[1:]), "message version 9"),
+        (Received(topics.STATE, "2", b""), "empty message"),
+    ],
+)
+def test_what_must_not_be_believed_is_told_once(item: Received, why: str) -> None:
+    admission = Admission(MEMBERS, STATE.frame, 1)
+    refused, again = admission.admit(item), admission.admit(item)
+    assert isinstance(refused, Refusal)
+    assert isinstance(again, Refusal)
+    assert why in refused.text
+    assert (refused.fresh, again.fresh) == (True, False)
+
+
+def sent(content: object, sender: str) -> Received:
+    topic = next(t for t in topics.TOPICS.values() if t.codec.kind is type(content))
+    return Received(topic, sender, topic.codec.encode(content))
+
+
+def fault(admission: Admission, content: object, sender: str) -> Fault | None:
+    judged = admission.admit(sent(content, sender))
+    return judged.fault if isinstance(judged, Refusal) else None
+
+
+@pytest.mark.parametrize("drone", [1, None], ids=["an agent", "a ground station"])
+@pytest.mark.parametrize(
+    ("content", "sender", "why"),
+    [
+        (TREE, "2", None),
+        (STATE, "2", None),
+        (TREE, "3", Fault.MISNAMED),
+        (replace(TREE, frame=9), "2", Fault.FOREIGN_FRAME),
+        (replace(TREE, sender=7), "7", Fault.STRANGER),
+        (replace(TREE, slots=((1, 0), (2, 10**9))), "2", Fault.IMPLAUSIBLE),
+        (replace(STATE, position_ned_m=(NAN, 0.0, 0.0)), "2", Fault.IMPLAUSIBLE),
+        (replace(STATE, sender=7, position_ned_m=(NAN, 0.0, 0.0)), "7", Fault.IMPLAUSIBLE),
+        (Traffic("ground", 9, ()), "ground", Fault.FOREIGN_FRAME),
+        (CommandOutcome("c1", 2, Result.ACCEPTED), "2", None),
+        (CommandOutcome("c1", 2, Result.ACCEPTED), "3", Fault.MISNAMED),
+        (CommandOutcome("c1", 2, Result.ACCEPTED), "ground", None),
+        (Event(2, 1, Severity.INFO, "lost", "drone 3"), "3", Fault.MISNAMED),
+        (Event(2, 1, Severity.INFO, "orphan", "drone 2"), "ground", None),
+    ],
+)
+def test_drones_and_ground_stations_believe_the_same(
+    drone: int | None, content: object, sender: str, why: Fault | None
+) -> None:
+    assert fault(Admission(MEMBERS, 0, drone), content, sender) is why
+
+
+def test_a_drone_does_not_take_another_for_itself_and_a_ground_station_sees_both() -> None:
+    own = replace(STATE, sender=1)
+    refused = Admission(MEMBERS, 0, 1).admit(sent(own, "1"))
+    assert isinstance(refused, Refusal)
+    assert (refused.fault, refused.message) == (Fault.TWIN, own)
+    assert Admission(MEMBERS, 0).admit(sent(own, "1")) == own
+
+
+def test_who_does_not_know_the_swarm_takes_any_member_and_any_frame_but_no_nonsense() -> None:
+    admission = Admission()
+    far = replace(TREE, sender=200, frame=9, slots=((200, 0), (201, 1)), lineage=(), epoch=0, author=0)
+    assert admission.admit(sent(far, "200")) == far
+    assert fault(admission, replace(far, sender=256), "256") is Fault.STRANGER
+    assert fault(admission, replace(far, slots=((0, 0),)), "200") is Fault.IMPLAUSIBLE
+    assert refusal(far, ANYBODY) == ""
+
+
+def test_what_nobody_believes_can_still_be_shown_without_what_is_no_number() -> None:
+    odd = replace(STATE, frame=9, battery_fraction=NAN)
+    refused = Admission(MEMBERS, 0).admit(sent(odd, "2"))
+    assert isinstance(refused, Refusal)
+    assert refused.message == replace(odd, battery_fraction=None)
+
+
+def test_a_node_that_makes_up_faults_without_end_is_told_of_a_thousand_times() -> None:
+    admission = Admission(MEMBERS, 0, 1)
+    judged = [admission.admit(said(STATE, sender=f"node-{n}")) for n in range(1500)]
+    assert sum(isinstance(refused, Refusal) and refused.fresh for refused in judged) == 1000
 
 
 def test_a_refused_tree_is_told_once_and_changes_nothing() -> None:
@@ -144,10 +246,11 @@ def test_estimates_that_are_none_do_not_hide_the_drone_that_sent_them() -> None:
         frame=flyer.frame.identity,
         excess_co2_ppm=Scalar(NAN, -1.0, 0.0),
         wind=Wind((INF, 0.0, 0.0), 1.0, 0.0),
+        word=bytes(WORD_AT_MOST_BYTES + 1),
     )
     flyer.step(1.0, Inputs(peers=(message(topics.STATE, "2", odd),)))
-    (neighbour,) = flyer._belief.neighbours(1.1)
-    assert (neighbour.excess_co2_ppm, neighbour.wind) == (None, None)
+    (neighbour,) = flyer._swarm._peers.neighbours(1.1)
+    assert (neighbour.excess_co2_ppm, neighbour.wind, neighbour.word) == (None, None, b"")
     assert neighbour.position_ned_m == (1.0, 2.0, -10.0)
 
 
@@ -158,16 +261,19 @@ def test_one_odd_vehicle_does_not_hide_the_others_in_the_traffic() -> None:
     odd += [replace(good, drone=5, position_ned_m=(NAN, 0.0, 0.0)), replace(good, drone=2**60)]
     traffic = Traffic("ground", flyer.frame.identity, (*odd, good))
     flyer.step(1.0, Inputs(peers=(message(topics.TRAFFIC, "ground", traffic),)))
-    assert [n.drone for n in flyer._belief.neighbours(1.1)] == [3]
+    assert [n.drone for n in flyer._swarm._peers.neighbours(1.1)] == [3]
 
 
 numbers = st.one_of(st.floats(), st.sampled_from((0.0, 1.0, -10.0, 1e308, NAN, INF, -INF)))
 counts = st.one_of(st.integers(-(2**63), 2**64 - 1), st.integers(-1, 6))
 vectors = st.tuples(numbers, numbers, numbers)
 readings = st.builds(Reading, counts, counts, vectors, numbers, numbers)
+locus_notes = st.tuples(st.just("locus"), numbers, st.none() | vectors, st.none() | readings, counts).map(
+    msgspec.msgpack.encode
+)
 orders = st.builds(
-    Order, counts, st.sampled_from(Stage), vectors, numbers, st.none() | vectors, numbers, st.none() | vectors,
-    st.none() | readings, counts,
+    Order, counts, st.sampled_from(Stage), vectors, numbers, st.none() | vectors,
+    locus_notes | st.binary(max_size=600),
 )  # fmt: skip
 assignments = st.one_of(
     st.lists(st.tuples(counts, counts), max_size=6).map(tuple),
@@ -209,7 +315,7 @@ def test_no_well_formed_message_ends_an_agent(
     flyer = agent()
     frame = flyer.frame.identity
     flyer.step(1.0, Inputs(peers=(message(topics.COMMAND, "ground", COMMAND),)))
-    flyer._tree.begin(1.0, "c1", (0.0, 0.0, -10.0))  # as if its autopilot had been there to accept the start
+    flyer._swarm.begin(1.0, "c1", (0.0, 0.0, -10.0))  # as if its autopilot had been there to accept the start
     if fitting:
         epoch, author = len(lineage), lineage[-1][1] if lineage else 0
     tree = TreeState(2, 1, frame, epoch, author, slots, lost, order, read, 0, "c1", lineage)
@@ -230,8 +336,8 @@ def test_no_well_formed_message_ends_an_agent(
     )
     for tick in range(12):
         flyer.step(2.0 + tick, Inputs(peers=peers))
-    flyer._tree.message()
-    for neighbour in flyer._belief.neighbours(14.0):
+    flyer._swarm._tree.message()
+    for neighbour in flyer._swarm._peers.neighbours(14.0):
         assert all(map(math.isfinite, (*neighbour.position_ned_m, *neighbour.velocity_ned_mps)))
 
 
@@ -257,6 +363,8 @@ class Says:
         Decision(GoTo((0.0, 0.0, 0.0), NAN)),
         Decision(Velocity((0.0, INF, 0.0))),
         Decision(Hold(), reading=replace(READING, excess_co2_ppm=NAN)),
+        Decision(Hold(), word=bytes(WORD_AT_MOST_BYTES + 1)),
+        Decision(Hold(), order=replace(ORDER, note=bytes(NOTE_AT_MOST_BYTES + 1))),
         Decision(Hold(), order=replace(ORDER, anchor_ned_m=(NAN, 0.0, 0.0))),
     ],
 )
@@ -276,8 +384,8 @@ def test_a_strategy_that_raises_tells_where_and_holds() -> None:
 @pytest.mark.parametrize(("ticks", "second"), [(500, True), (0, False)])
 def test_of_two_nodes_with_one_number_the_younger_gives_way(ticks: int, second: bool) -> None:
     flyer = agent()
-    assert not flyer.comes_second
+    assert not flyer.step(0.9, Inputs()).status.comes_second
     twin = replace(STATE, sender=1, frame=flyer.frame.identity, ticks=ticks)
     output = flyer.step(1.0, Inputs(peers=(message(topics.STATE, "1", twin),)))
-    assert flyer.comes_second is second
+    assert output.status.comes_second is second
     assert [event.severity for event in output.events if event.code == "peer"] == [Severity.WARNING]

@@ -1,4 +1,4 @@
-"""The tree protocol among several drones, over a network that loses, repeats and cuts."""
+"""The tree protocol among several drones, over a radio that loses and cuts."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flightstack.swarm.admission import refusal
-from flightstack.swarm.peers import Belief
-from flightstack.swarm.topics import STATE
+from flightstack.swarm.peers import Peers
+from flightstack.swarm.topics import STATE, TREE
 from flightstack.swarm.tree_protocol import SwarmTree
 from flightstack.swarm.wire import DroneState, Phase, TreeState
-from flightstack.transport import Received
+from flightstack.transport.memory import Conditions, MemoryRadio
 from mission.geometry.formation import make_layout, rotated
 from mission.geometry.frames import Geodetic, LocalFrame, Vector3
 from mission.strategies.contract import Decision, Hold, Order, Reading, Stage
@@ -29,12 +29,11 @@ class Node:
     def __init__(self, drone: int, members: tuple[int, ...]) -> None:
         self.drone = drone
         self.layout = make_layout("hexagonal", 10.0)
-        self.belief = Belief(drone, members, FRAME)
+        self.peers = Peers(drone)
         self.tree = SwarmTree(
             drone, members, self.layout, frame_identity=FRAME.identity, incarnation=1, lost_after_s=3.0
         )
         self.phase = Phase.SEARCHING
-        self.inbox: list[TreeState] = []
         self.decision: Decision | None = None
         self.sequence = 0
         self.position: Vector3 = START
@@ -67,18 +66,17 @@ class Node:
 
 
 class Network:
-    """Steps all live nodes together; delivers what they tell unless the link is cut or the dice say no."""
+    """Steps all live nodes together; what they tell goes through a radio that loses and cuts."""
 
     def __init__(
         self, count: int, *, loss: float = 0.0, seed: int = 0, members: tuple[int, ...] | None = None
     ) -> None:
         members = members or tuple(range(1, count + 1))
         self.nodes = {drone: Node(drone, members) for drone in members}
+        self.radio = MemoryRadio(seed, Conditions(loss=loss))
+        self.transports = {drone: self.radio.join(drone, (TREE, STATE)) for drone in members}
         self.now_s = 0.0
-        self.loss = loss
-        self.random = random.Random(seed)
         self.dead: set[int] = set()
-        self.hears: dict[int, set[int]] | None = None
         for node in self.nodes.values():
             node.tree.begin(0.0, "survey-1", START)
 
@@ -89,17 +87,17 @@ class Network:
     def run(self, seconds: float) -> None:
         for _ in range(round(seconds / TICK_S)):
             self.now_s += TICK_S
-            said = [(node.drone, node.tree.message(), node.state()) for node in self.live]
             for node in self.live:
-                trees = []
-                for sender, tree, state in said:
-                    if sender == node.drone or self.random.random() < self.loss:
-                        continue
-                    if self.hears is not None and sender not in self.hears[node.drone]:
-                        continue
-                    trees.append(tree)
-                    node.belief.update(self.now_s, [Received(STATE, str(sender), STATE.codec.encode(state))])
-                node.tree.step(self.now_s, trees, node.belief, node.decision, node.position)
+                self.transports[node.drone].publish(TREE, TREE.codec.encode(node.tree.message()))
+                self.transports[node.drone].publish(STATE, STATE.codec.encode(node.state()))
+            self.radio.step(self.now_s)
+            heard = {drone: transport.receive() for drone, transport in self.transports.items()}
+            for node in self.live:
+                said = [r.topic.codec.decode(r.payload) for r in heard[node.drone]]
+                for state in said:
+                    node.peers.hear(self.now_s, state)
+                trees = [tree for tree in said if isinstance(tree, TreeState)]
+                node.tree.step(self.now_s, trees, node.peers.facts(), node.decision, node.position)
                 node.decision = None
 
     def agreed(self) -> dict[int, int]:
@@ -159,7 +157,7 @@ def test_a_dead_drone_is_healed_around(victim: int) -> None:
 def test_root_and_its_heir_die_together() -> None:
     network = Network(7)
     network.run(1.0)
-    place = network.nodes[1].tree.place(moving=False, belief=network.nodes[1].belief, now_s=network.now_s)
+    place = network.nodes[1].tree.place(network.now_s, network.nodes[1].peers.facts())
     assert place.heir is not None
     network.dead |= {1, place.heir}
     network.run(12.0)
@@ -207,7 +205,7 @@ def test_knowledge_of_another_survey_changes_nothing() -> None:
     network = Network(3)
     node = network.nodes[2]
     foreign = TreeState(1, 1, FRAME.identity, 1, 1, ((2, 0),), (), None, (), 0, "survey-0", ((2, 1),))
-    node.tree.step(0.1, [foreign], node.belief, None, START)
+    node.tree.step(0.1, [foreign], node.peers.facts(), None, START)
     assert node.tree.epoch == 0
 
 
@@ -215,7 +213,7 @@ def test_an_assignment_that_is_no_tree_is_not_adopted() -> None:
     network = Network(3)
     node = network.nodes[2]
     broken = TreeState(1, 1, FRAME.identity, 1, 1, ((2, 0), (3, 0)), (), None, (), 0, "survey-1", ((2, 1),))
-    node.tree.step(0.1, [broken], node.belief, None, START)
+    node.tree.step(0.1, [broken], node.peers.facts(), None, START)
     assert node.tree.epoch == 0
 
 
@@ -242,11 +240,9 @@ def test_a_tree_whose_radios_reach_only_relatives_still_heals() -> None:
     network = Network(19)
     network.run(0.5)
     layout = network.nodes[1].layout
-    where = {drone: layout.offset_m(drone - 1) for drone in network.nodes}
-    network.hears = {
-        a: {b for b in network.nodes if abs(complex(*where[a]) - complex(*where[b])) < 10.5}
-        for a in network.nodes
-    }
+    for drone in network.nodes:
+        network.radio.place(drone, (*layout.offset_m(drone - 1), -10.0))
+    network.radio.range_m = 10.5
     network.run(4.0)
     network.dead.add(3)
     network.run(8.0)
@@ -271,9 +267,9 @@ def test_a_drone_whose_radio_failed_for_a_while_never_sends_the_others_home(
     network.run(1.0)
     alone = min(alone, count)
     others = set(network.nodes) - {alone}
-    network.hears = {drone: others - {drone} if drone != alone else set() for drone in network.nodes}
+    network.radio.cut("failed", {alone})
     network.run(away_s)
-    network.hears = None
+    network.radio.mend("failed")
     network.run(12.0)
     trees = [node.tree for node in network.live]
     assert all(tree.slots == trees[0].slots and tree.order == trees[0].order for tree in trees)
@@ -311,7 +307,7 @@ def test_a_member_that_tells_whatever_it_likes_cannot_split_the_others_for_good(
                 order=Order(chance.randrange(1000), Stage.SEARCH, START, 0.0),
             )
             assert refusal(lie, members) == ""
-            node.tree.step(network.now_s, [lie], node.belief, None, node.position)
+            node.tree.step(network.now_s, [lie], node.peers.facts(), None, node.position)
         network.run(chance.uniform(0.1, 4.0))
     network.dead.add(liar)
     network.run(5.0 * count + 5.0)
@@ -335,9 +331,9 @@ def test_halves_that_meet_again_become_one_swarm(
     network.run(1.0)
     one = group & network.nodes.keys()
     two = network.nodes.keys() - one
-    network.hears = {drone: (one if drone in one else two) - {drone} for drone in network.nodes}
+    network.radio.cut("ridge", one)
     network.run(away_s)
-    network.hears = None
+    network.radio.mend("ridge")
     network.run(12.0)
     trees = [node.tree for node in network.live]
     assert all(tree.slots == trees[0].slots and tree.order == trees[0].order for tree in trees)
@@ -372,8 +368,9 @@ def surveys(network: Network) -> set[str | None]:
 def test_two_starts_at_once_become_one_survey(seed: int) -> None:
     """Two operators: some drones heard the one first, some the other, and the radio loses a third."""
     network = Network(7, loss=0.3, seed=seed)
+    chance = random.Random(seed)
     for drone, node in network.nodes.items():
-        node.tree.begin(0.0, "one" if network.random.random() < 0.5 else "other", START)
+        node.tree.begin(0.0, "one" if chance.random() < 0.5 else "other", START)
         assert drone in node.tree.slots
     network.run(15.0)
     assert len(surveys(network)) == 1

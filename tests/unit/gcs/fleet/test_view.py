@@ -84,6 +84,35 @@ def test_unreadable_messages_are_counted_with_their_reason(frame, state, on_air)
     assert 2 not in view.agents
 
 
+@pytest.mark.parametrize(
+    ("changes", "sender", "told"),
+    [
+        ({}, "2", "a message of drone 1 came under the name 2"),
+        ({"slots": ((1, 0), (9, 1))}, "1", "its slots are not those of this swarm"),
+        ({"frame": 9}, "1", None),
+        ({"sender": 9}, "9", None),
+    ],
+    ids=["another name", "implausible", "foreign frame", "stranger"],
+)
+def test_a_tree_that_the_drones_refuse_is_not_believed_here_either(
+    frame, tree, on_air, changes, sender, told
+):
+    view = FleetView((1, 2, 3), frame, 0.0)
+    assert view.receive_peer(1.0, on_air(tree(1, (1, 2, 3), **changes), sender=sender)) is None
+    assert all(agent.tree is None for agent in view.agents.values())
+    assert (view.garbled[sender].text if view.garbled else None) == told
+    assert view.receive_peer(2.0, on_air(tree(1, (1, 2, 3)))) is not None
+    assert view.agents[1].tree is not None
+
+
+def test_a_drone_of_another_swarm_is_shown_as_one(frame, state, on_air):
+    view = FleetView((1,), frame, 0.0)
+    assert view.receive_peer(1.0, on_air(state(9))) is not None
+    _, stranger = view.rows(1.0)
+    assert (stranger.drone, stranger.member, stranger.agent) == (9, False, "live")
+    assert view.garbled == {}
+
+
 def test_the_vehicle_speaks_when_the_agent_is_silent(fleet, autopilot):
     swarm = fleet()
     swarm.flying[2] = autopilot(2)

@@ -15,6 +15,7 @@ from mission.geometry.formation import Hexagonal
 from mission.strategies.arrival import Arrival
 from mission.strategies.contract import Observation, Order, OwnState, Reading, Scalar, Stage, TreePlace, Wind
 from mission.strategies.locus.gradient import plane_gradient, waypoint_uphill
+from mission.strategies.locus.note import LocusNote, noted
 from mission.strategies.locus.spiral import arm_spacing_m, spiral_index, spiral_point
 from mission.strategies.mobs import (
     ALONG,
@@ -188,9 +189,8 @@ def test_what_a_strategy_is_not_given_right_is_said_in_one_line() -> None:
 def test_a_root_that_has_forgotten_the_contact_still_tells_the_source() -> None:
     """After a long wait, or as an heir with nothing but the order: its other readings are all zero."""
     best = Reading(3, 2, (30.0, -20.0, -10.0), 80.0, 4.0)
-    order = Order(
-        20, Stage.TRACK, (0.0, 0.0, -10.0), 0.0, None, 5.0, (0.0, 0.0, -10.0), best, waypoints_since_best=15
-    )
+    note = LocusNote(5.0, (0.0, 0.0, -10.0), best, waypoints_since_best=15)
+    order = noted(Order(20, Stage.TRACK, (0.0, 0.0, -10.0), 0.0), note)
     strategy = make("locus", layout=Hexagonal(10.0))
     rng = np.random.default_rng(1)
     place = TreePlace(1, 0, {1: 0}, None, (), None, None, 1, False)

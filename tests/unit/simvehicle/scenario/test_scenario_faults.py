@@ -12,6 +12,7 @@ from mission.geometry.frames import Geodetic
 from simvehicle.drone.drone_spec import EmulatedInstrument, VehicleSpec
 from simvehicle.faults.fault_table import FaultSpec
 from simvehicle.fleet.fleet_config import FleetConfig
+from simvehicle.fleet.fleet_problems import FleetError
 from simvehicle.scenario.swarm import Scenario
 
 
@@ -60,6 +61,11 @@ def test_a_cable_is_pulled_and_put_in_again_as_configured() -> None:
     flight.run(8.0)
     assert [what for _, what in seen] == ["unplugged", "connected"]
     assert [since_s for since_s, _ in seen] == pytest.approx([3.0, 6.0], abs=0.11)
+
+
+def test_a_fault_that_cannot_be_is_refused_as_by_a_fleet() -> None:
+    with pytest.raises(FleetError, match=r"faults\[0\]\.instrument"):
+        scenario(FaultSpec(drone=2, at_s=3.0, kind="unplug", instrument="wind"))
 
 
 def test_a_silent_vehicle_is_not_heard_by_its_agent() -> None:

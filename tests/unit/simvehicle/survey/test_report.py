@@ -202,3 +202,35 @@ def test_kills_and_faults_stand_in_the_figure_over_time(survey: Survey) -> None:
     figure = figures.over_time(tracks, log, 420.0, {3: KILL_S}, [fault])
     told = {text.get_text() for axes in figure.axes for text in axes.texts}
     assert {"kill 3", "gps loss 4"} <= told
+
+
+def test_what_is_said_cannot_become_markup(survey: Survey) -> None:
+    said = EventMark(3.0, 2, Severity.CRITICAL, "<b>", "</td><script>alert('x')</script>")
+    lost = ("vehicles ended (exit code 2): <img src=x>",)
+    got = summarised(
+        survey,
+        {},
+        Log(events=(said,)),
+        outcome="failed",
+        reason="<i>",
+        alive=frozenset(),
+        lost_processes=lost,
+    )
+    text = report.page(survey, got, {}, Log(events=(said,)))
+    page = Page(text)
+    assert not {"script", "i"} & set(page.tags)
+    assert page.tags.count("b") == 9, "the boxes' figures"
+    assert page.tags.count("img") == 2, "the maps"
+    for words in (said.code, said.text, *lost):
+        assert words in page.text
+
+
+def test_of_many_events_the_important_ones_are_shown_and_the_rest_counted(survey: Survey) -> None:
+    events = tuple(
+        EventMark(float(i), 1, Severity.WARNING if i % 10 == 0 else Severity.INFO, "phase", f"event {i}")
+        for i in range(1000)
+    )
+    page = Page(report.page(survey, summarised(survey, {}, Log()), {}, Log(events=events)))
+    assert "event 990" in page.text
+    assert "event 991" not in page.text
+    assert "900 more are in the recording." in page.text

@@ -19,7 +19,7 @@ from simvehicle.faults.fault_table import FaultSpec
 from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.fleet.truth import Track, TruthRow, TruthTail, make_tracks, parse_row, read_tracks
 from simvehicle.survey import summary
-from simvehicle.survey.fly import words
+from simvehicle.survey.conduct import words
 from simvehicle.survey.watch import EventMark, Log, OrderMark
 
 ORIGIN = Geodetic(38.4, 14.96, 300.0)

@@ -24,7 +24,7 @@ Point = tuple[float, float, float]
 
 PLUMES: tuple[AnyPlume, ...] = (
     GaussianPlume(source_north_m=12.0, source_east_m=-7.0, source_above_home_m=HEIGHT_M, vent_sd_m=VENT_SD_M),
-    GaussianPlume(source_north_m=0.0, source_east_m=0.0, source_above_home_m=0.0, vent_sd_m=0.5),
+    GaussianPlume(source_north_m=0.0, source_east_m=0.0, source_above_home_m=0.0, vent_sd_m=0.001),
     LocusGridPlume(source_north_m=12.0, source_east_m=-7.0),
     LocusGridPlume(source_north_m=12.0, source_east_m=-7.0, perturbed=True),
     None,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from flightstack.swarm.wire import CommandName, CommandOutcome, Result
-from gcs.commands.survey import SurveyCommand
+from gcs.commands.survey_command import SurveyCommand
 
 
 def make(target=0, members=(1, 2, 3), deadline_s=5.0):

@@ -18,6 +18,7 @@ from flightstack.transport import Transport
 from mission.documents.yaml_file import DocumentError
 from simvehicle.fleet.truth import TruthTail, read_tracks
 from simvehicle.survey import launch, progress, summary
+from simvehicle.survey.draft import LAUNCHER, agent_name
 from simvehicle.survey.processes import Interrupts, Processes
 from simvehicle.survey.supervisor import Finish, Give, KillAgent, Supervisor
 from simvehicle.survey.survey_file import Kill, Survey
@@ -70,22 +71,22 @@ def fly(
     directory = launch.make_directory(
         out, survey.config.name, datetime.datetime.now(datetime.UTC).astimezone()
     )
-    plan = launch.plan(survey, directory)
+    prepared = launch.prepare(survey, directory)
     interrupts = Interrupts()
     began_s = time.monotonic()
     with interrupts.watched(), Processes(directory) as processes:
-        launch.start(plan, processes, commands)
-        end = _conduct(survey, plan, processes, interrupts, kills)
+        launch.start(prepared, processes, commands)
+        end = _conduct(survey, prepared, processes, interrupts, kills)
         stubborn = processes.stop()
-    plan.clock.unlink(missing_ok=True)
+    prepared.clock.unlink(missing_ok=True)
     log = end.watch.log()
     flown = summary.summarise(
         survey.config.name,
-        plan.fleet,
-        make_world(plan.fleet).gas.source_ned_m,
+        prepared.draft.fleet,
+        make_world(prepared.draft.fleet).gas.source_ned_m,
         survey.geofence,
         survey.config.limits.separation_m,
-        read_tracks(plan.truth),
+        read_tracks(prepared.truth),
         log,
         summary.Ending(
             outcome=str(end.finish.outcome),
@@ -167,7 +168,7 @@ class _End(msgspec.Struct, frozen=True):
 
 def _conduct(
     survey: Survey,
-    plan: launch.LaunchPlan,
+    prepared: launch.Prepared,
     processes: Processes,
     interrupts: Interrupts,
     kills: tuple[Kill, ...],
@@ -176,22 +177,22 @@ def _conduct(
     watch = SurveyWatch([drone.id for drone in survey.drones])
     supervisor = Supervisor(
         watch,
-        launcher=launch.LAUNCHER,
-        survey=plan.directory.name,
+        launcher=LAUNCHER,
+        survey=prepared.directory.name,
         time_limit_s=survey.config.time_limit_s,
         kills=kills,
     )
-    own = plan.slot(launch.LAUNCHER)
+    own = prepared.slot(LAUNCHER)
     assert own is not None  # noqa: S101 (the launcher follows the clock)
     lost: list[str] = []
     finish: Finish | None = None
     with contextlib.ExitStack() as open_ends:
-        transport = _join(plan)
+        transport = _join(prepared)
         open_ends.callback(transport.close)
-        clock = Cells(plan.clock)
+        clock = Cells(prepared.clock)
         open_ends.callback(clock.close)
-        open_ends.callback(_leave, clock, plan, launch.LAUNCHER)
-        truth = TruthTail(plan.truth)
+        open_ends.callback(_leave, clock, prepared, LAUNCHER)
+        truth = TruthTail(prepared.truth)
         open_ends.callback(truth.close)
         display = open_ends.enter_context(progress.make_progress(watch, supervisor, survey.config.speedup))
         began_s = time.monotonic()
@@ -209,15 +210,15 @@ def _conduct(
             ended = processes.ended()
             for one in ended:
                 lost.append(str(one))
-                _leave(clock, plan, one.name)
+                _leave(clock, prepared, one.name)
             if finish is None:
                 for action in supervisor.step(now_s, wall_s, ended, interrupted=interrupts.asked):
                     match action:
                         case Give(command):
                             transport.publish(COMMAND, COMMAND.codec.encode(command))
                         case KillAgent(drone):
-                            processes.kill(launch.agent_name(drone))
-                            _leave(clock, plan, launch.agent_name(drone))
+                            processes.kill(agent_name(drone))
+                            _leave(clock, prepared, agent_name(drone))
                         case Finish():
                             finish = action
                             until_wall_s = wall_s + (
@@ -239,19 +240,24 @@ def _too_slow(log: Log) -> list[str]:
     return [] if missed <= MISSED_LIMIT else [f"{missed:.1%} of the agents' deadlines were missed"]
 
 
-def _leave(clock: Cells, plan: launch.LaunchPlan, process: str) -> None:
+def _leave(clock: Cells, prepared: launch.Prepared, process: str) -> None:
     """The dead are not waited for."""
-    slot = plan.slot(process)
+    slot = prepared.slot(process)
     if slot is not None:
         clock.leave(slot)
 
 
-def _join(plan: launch.LaunchPlan) -> Transport:
+def _join(prepared: launch.Prepared) -> Transport:
     """Join the swarm. Imported late: zenoh starts threads, and the children are started before them."""
     from flightstack.transport.zenoh_transport import ZenohTransport
 
     return ZenohTransport(
-        plan.swarm, launch.LAUNCHER, listen=(), connect=plan.endpoints, receives=RECEIVES, tls=None
+        prepared.draft.ground.swarm.name,
+        LAUNCHER,
+        listen=(),
+        connect=prepared.draft.endpoints,
+        receives=RECEIVES,
+        tls=None,
     )
 
 

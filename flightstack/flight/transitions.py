@@ -1,0 +1,144 @@
+"""The flight phases of one drone as one table: in which phase which event leads where.
+
+What stands in the table can be; nothing else can. A command that is not possible in a phase is a user's matter and is
+refused with a reason (`flightstack.flight.phase`). An event of our own that is not possible is a defect of this
+program: `following` raises, and changes nothing.
+"""
+
+from __future__ import annotations
+
+import enum
+
+from flightstack.swarm.wire import Phase
+
+STEERING = frozenset({Phase.FORMING, Phase.SEARCHING, Phase.TRACKING, Phase.HOLDING, Phase.RETURNING})
+"""The phases in which we send a setpoint every tick, even to hold."""
+
+IN_FORMATION = frozenset({Phase.SEARCHING, Phase.TRACKING})
+"""The phases in which the strategy decides."""
+
+
+class FlightEvent(enum.StrEnum):
+    """What can change a phase. The first six are the commands of the same names."""
+
+    START = "start"
+    PAUSE = "pause"
+    RESUME = "resume"
+    ABORT = "abort"
+    RTL = "rtl"
+    LAND = "land"
+    ARMED = "armed"
+    """The motors run, in our mode."""
+    ARMING_FAILED = "arming_failed"
+    AT_ALTITUDE = "at_altitude"
+    """The take-off is over."""
+    TAKEOFF_FAILED = "takeoff_failed"
+    CONTROL_LOST = "control_lost"
+    """The pilot or a failsafe of the autopilot took the mode, or never gave it to us."""
+    DOWN = "down"
+    """On the ground with the motors off."""
+    SEARCH = "search"
+    """In its slot, and the swarm searches."""
+    TRACK = "track"
+    """In its slot, and the swarm follows a plume."""
+    GO_HOME = "go_home"
+    """The survey is over, or this drone cannot go on with it."""
+    OVER_HOME = "over_home"
+    BLOCKED = "blocked"
+    """The way home is, for long."""
+
+
+class IllegalTransitionError(RuntimeError):
+    """An event in a phase in which it cannot be: a defect of this program, not of a user, a peer or a vehicle."""
+
+
+TRANSITIONS: dict[tuple[Phase, FlightEvent], Phase] = {
+    (Phase.DISARMED, FlightEvent.START): Phase.ARMING,
+    # An agent that was restarted in the air obeys what brings its drone down, and one that a pilot flies again too.
+    (Phase.DISARMED, FlightEvent.ABORT): Phase.RETURNING,
+    (Phase.DISARMED, FlightEvent.RTL): Phase.LANDING,
+    (Phase.DISARMED, FlightEvent.LAND): Phase.LANDING,
+    # It takes part already: whoever starts or resumes again means those that do not.
+    (Phase.ARMING, FlightEvent.START): Phase.ARMING,
+    (Phase.ARMING, FlightEvent.RESUME): Phase.ARMING,
+    (Phase.ARMING, FlightEvent.ABORT): Phase.DISARMED,
+    (Phase.ARMING, FlightEvent.RTL): Phase.DISARMED,
+    (Phase.ARMING, FlightEvent.LAND): Phase.DISARMED,
+    (Phase.ARMING, FlightEvent.ARMED): Phase.TAKEOFF,
+    (Phase.ARMING, FlightEvent.ARMING_FAILED): Phase.DISARMED,
+    (Phase.TAKEOFF, FlightEvent.START): Phase.TAKEOFF,
+    (Phase.TAKEOFF, FlightEvent.RESUME): Phase.TAKEOFF,
+    (Phase.TAKEOFF, FlightEvent.ABORT): Phase.RETURNING,
+    (Phase.TAKEOFF, FlightEvent.RTL): Phase.LANDING,
+    (Phase.TAKEOFF, FlightEvent.LAND): Phase.LANDING,
+    (Phase.TAKEOFF, FlightEvent.AT_ALTITUDE): Phase.FORMING,
+    (Phase.TAKEOFF, FlightEvent.TAKEOFF_FAILED): Phase.LANDING,
+    (Phase.TAKEOFF, FlightEvent.CONTROL_LOST): Phase.PILOT,
+    (Phase.TAKEOFF, FlightEvent.DOWN): Phase.LANDED,
+    (Phase.FORMING, FlightEvent.START): Phase.FORMING,
+    (Phase.FORMING, FlightEvent.PAUSE): Phase.HOLDING,
+    (Phase.FORMING, FlightEvent.RESUME): Phase.FORMING,
+    (Phase.FORMING, FlightEvent.ABORT): Phase.RETURNING,
+    (Phase.FORMING, FlightEvent.RTL): Phase.LANDING,
+    (Phase.FORMING, FlightEvent.LAND): Phase.LANDING,
+    (Phase.FORMING, FlightEvent.CONTROL_LOST): Phase.PILOT,
+    (Phase.FORMING, FlightEvent.DOWN): Phase.LANDED,
+    (Phase.FORMING, FlightEvent.SEARCH): Phase.SEARCHING,
+    (Phase.FORMING, FlightEvent.TRACK): Phase.TRACKING,
+    (Phase.FORMING, FlightEvent.GO_HOME): Phase.RETURNING,
+    (Phase.SEARCHING, FlightEvent.START): Phase.SEARCHING,
+    (Phase.SEARCHING, FlightEvent.PAUSE): Phase.HOLDING,
+    (Phase.SEARCHING, FlightEvent.RESUME): Phase.SEARCHING,
+    (Phase.SEARCHING, FlightEvent.ABORT): Phase.RETURNING,
+    (Phase.SEARCHING, FlightEvent.RTL): Phase.LANDING,
+    (Phase.SEARCHING, FlightEvent.LAND): Phase.LANDING,
+    (Phase.SEARCHING, FlightEvent.CONTROL_LOST): Phase.PILOT,
+    (Phase.SEARCHING, FlightEvent.DOWN): Phase.LANDED,
+    (Phase.SEARCHING, FlightEvent.TRACK): Phase.TRACKING,
+    (Phase.SEARCHING, FlightEvent.GO_HOME): Phase.RETURNING,
+    (Phase.TRACKING, FlightEvent.START): Phase.TRACKING,
+    (Phase.TRACKING, FlightEvent.PAUSE): Phase.HOLDING,
+    (Phase.TRACKING, FlightEvent.RESUME): Phase.TRACKING,
+    (Phase.TRACKING, FlightEvent.ABORT): Phase.RETURNING,
+    (Phase.TRACKING, FlightEvent.RTL): Phase.LANDING,
+    (Phase.TRACKING, FlightEvent.LAND): Phase.LANDING,
+    (Phase.TRACKING, FlightEvent.CONTROL_LOST): Phase.PILOT,
+    (Phase.TRACKING, FlightEvent.DOWN): Phase.LANDED,
+    (Phase.TRACKING, FlightEvent.SEARCH): Phase.SEARCHING,
+    (Phase.TRACKING, FlightEvent.GO_HOME): Phase.RETURNING,
+    (Phase.HOLDING, FlightEvent.PAUSE): Phase.HOLDING,
+    (Phase.HOLDING, FlightEvent.RESUME): Phase.FORMING,
+    (Phase.HOLDING, FlightEvent.ABORT): Phase.RETURNING,
+    (Phase.HOLDING, FlightEvent.RTL): Phase.LANDING,
+    (Phase.HOLDING, FlightEvent.LAND): Phase.LANDING,
+    (Phase.HOLDING, FlightEvent.CONTROL_LOST): Phase.PILOT,
+    (Phase.HOLDING, FlightEvent.DOWN): Phase.LANDED,
+    (Phase.HOLDING, FlightEvent.GO_HOME): Phase.RETURNING,
+    (Phase.RETURNING, FlightEvent.ABORT): Phase.RETURNING,
+    (Phase.RETURNING, FlightEvent.RTL): Phase.LANDING,
+    (Phase.RETURNING, FlightEvent.LAND): Phase.LANDING,
+    (Phase.RETURNING, FlightEvent.CONTROL_LOST): Phase.PILOT,
+    (Phase.RETURNING, FlightEvent.DOWN): Phase.LANDED,
+    (Phase.RETURNING, FlightEvent.OVER_HOME): Phase.LANDING,
+    (Phase.RETURNING, FlightEvent.BLOCKED): Phase.LANDING,
+    (Phase.LANDING, FlightEvent.ABORT): Phase.LANDING,
+    (Phase.LANDING, FlightEvent.RTL): Phase.LANDING,
+    (Phase.LANDING, FlightEvent.LAND): Phase.LANDING,
+    (Phase.LANDING, FlightEvent.DOWN): Phase.LANDED,
+    (Phase.PILOT, FlightEvent.RESUME): Phase.FORMING,
+    (Phase.PILOT, FlightEvent.ABORT): Phase.RETURNING,
+    (Phase.PILOT, FlightEvent.RTL): Phase.LANDING,
+    (Phase.PILOT, FlightEvent.LAND): Phase.LANDING,
+    (Phase.PILOT, FlightEvent.DOWN): Phase.LANDED,
+    (Phase.LANDED, FlightEvent.START): Phase.ARMING,
+    (Phase.LANDED, FlightEvent.RTL): Phase.LANDING,
+    (Phase.LANDED, FlightEvent.LAND): Phase.LANDING,
+}
+
+
+def following(phase: Phase, event: FlightEvent) -> Phase:
+    """The phase that `event` leads to; `IllegalTransitionError` where it cannot be."""
+    try:
+        return TRANSITIONS[phase, event]
+    except KeyError:
+        raise IllegalTransitionError(f"{event} cannot be in phase {phase}") from None
