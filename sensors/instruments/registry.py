@@ -9,9 +9,9 @@ from typing import Any
 
 import msgspec
 
-from sensors.calibration.side_by_side import CalibratedInstrument, Calibration
 from sensors.instruments import ft205, gss, k30, li850, mavlink_readings, sba5, trisonica, windsonic
 from sensors.instruments.anemometers import Mounting
+from sensors.instruments.calibrated import CalibratedInstrument, Calibration
 from sensors.instruments.samples import Instrument, Quantity
 from sensors.instruments.sensor_error import SensorError
 

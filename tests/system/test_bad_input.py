@@ -20,6 +20,7 @@ from simvehicle.survey.ports import free_ports
 pytestmark = pytest.mark.system
 
 EXAMPLES = pathlib.Path(__file__).parents[2] / "examples"
+MODULES = {"flightstack": "flightstack.cli", "gcs": "gcs.cli.main", "simvehicle": "simvehicle.cli.main"}
 FENCE = "[[-5.0630, 151.2970], [-5.0630, 151.3030], [-5.0570, 151.3030], [-5.0570, 151.2970]]"
 CROSSED = "[[-5.0630, 151.2970], [-5.0570, 151.3030], [-5.0630, 151.3030], [-5.0570, 151.2970]]"
 AWAY = "[[-5.0830, 151.2970], [-5.0830, 151.3030], [-5.0770, 151.3030], [-5.0770, 151.2970]]"
@@ -30,7 +31,7 @@ def run(*arguments: str | pathlib.Path, cwd: pathlib.Path, seconds: float = 60.0
     """A command's exit code, output and error output; `arguments` begin with the package."""
     package, *rest = map(str, arguments)
     done = subprocess.run(
-        [sys.executable, "-m", f"{package}.cli", *rest],
+        [sys.executable, "-m", MODULES[package], *rest],
         capture_output=True,
         text=True,
         timeout=seconds,

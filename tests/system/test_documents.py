@@ -36,7 +36,11 @@ from simvehicle.survey.ports import free_ports
 pytestmark = [pytest.mark.system, pytest.mark.timeout(900)]
 
 REPOSITORY = pathlib.Path(__file__).parents[2]
-PROGRAMS = {"flightstack": flightstack.cli.app, "gcs": gcs.cli.app, "simvehicle": simvehicle.cli.app}
+PROGRAMS = {
+    "flightstack": flightstack.cli.app,
+    "gcs": gcs.cli.main.app,
+    "simvehicle": simvehicle.cli.main.app,
+}
 DOCUMENTS = (REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").rglob("*.md")))
 DRONES = (1, 2, 3)
 PATIENCE_S = 400.0

@@ -8,9 +8,10 @@ import pathlib
 import numpy as np
 import pytest
 
-from sensors.calibration.side_by_side import Calibration, cross_calibrate, load, save
+from sensors.calibration.side_by_side import cross_calibrate, load, save
 from sensors.calibration.tuning import tune_co2, tune_wind
 from sensors.filters.co2_filter import Co2FilterConfig
+from sensors.instruments.calibrated import Calibration
 from sensors.instruments.registry import make_instrument
 from sensors.instruments.samples import InstrumentState, Quantity, Sample
 from sensors.instruments.sensor_error import SensorError

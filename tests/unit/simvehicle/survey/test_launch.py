@@ -29,7 +29,10 @@ def test_free_ports_differ() -> None:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere nothing reserves a port")
 def test_no_other_process_gets_a_port_before_it_is_opened() -> None:
-    program = "import socket; from simvehicle.survey.ports import free_ports; print(*free_ports(socket.SOCK_DGRAM, 300))"
+    program = (
+        "import socket; from simvehicle.survey.ports import free_ports; "
+        "print(*free_ports(socket.SOCK_DGRAM, 300))"
+    )
     own = free_ports(socket.SOCK_STREAM, 300)
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     others = [int(word) for word in done.stdout.split()]
