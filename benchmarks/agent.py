@@ -19,8 +19,9 @@ from benchmarks import Figures
 from flightstack.agent import Agent, Inputs, Outputs
 from flightstack.swarm.wire import CommandName
 from simvehicle.scenario.swarm import Scenario
-from simvehicle.survey.launch import plan
-from simvehicle.survey.survey_file import load
+from simvehicle.survey.draft import draft, in_process
+from simvehicle.survey.launch import write_files
+from simvehicle.survey.survey_file import parse_survey
 
 DRONES = 20
 WATCHED = 7
@@ -56,29 +57,29 @@ print(json.dumps({
 
 
 def main() -> None:
+    survey = parse_survey(SURVEY, "bench")
+    drafted = draft(survey, in_process(survey))
+    config = next(d for d in drafted.drones if d.drone == WATCHED)
     with tempfile.TemporaryDirectory() as name:
         directory = pathlib.Path(name)
-        file = directory / "survey.yaml"
-        file.write_text(SURVEY, encoding="utf-8")
-        drafted = plan(load(file), directory)
-        config = next(d for d in drafted.drones if d.drone == WATCHED)
+        write_files(drafted, directory)
         probe = subprocess.run(
             [sys.executable, "-c", PROBE, str(directory / f"drone-{WATCHED}.yaml")],
             capture_output=True,
             text=True,
             check=True,
         )
-        scenario = Scenario(drafted.drones, drafted.fleet)
-        ticks: list[tuple[float, Inputs]] = []
+    scenario = Scenario(drafted.drones, drafted.fleet)
+    ticks: list[tuple[float, Inputs]] = []
 
-        def tap(drone: int, now_s: float, inputs: Inputs, _: Outputs) -> None:
-            if drone == WATCHED:
-                ticks.append((now_s, inputs))
+    def tap(drone: int, now_s: float, inputs: Inputs, _: Outputs) -> None:
+        if drone == WATCHED:
+            ticks.append((now_s, inputs))
 
-        scenario.tap = tap
-        scenario.run(5.0)
-        scenario.command(CommandName.START)
-        scenario.run(FLIGHT_S)
+    scenario.tap = tap
+    scenario.run(5.0)
+    scenario.command(CommandName.START)
+    scenario.run(FLIGHT_S)
     agent = Agent(config, incarnation=WATCHED)
     took_ms = np.empty(len(ticks))
     for index, (now_s, inputs) in enumerate(ticks):

@@ -7,14 +7,13 @@ what a companion computer spends on the same flight; the rest is the world's: ve
 from __future__ import annotations
 
 import pathlib
-import tempfile
 import time
 
 from benchmarks import Figures
 from flightstack.agent import Inputs, Outputs
 from flightstack.swarm.wire import CommandName, Phase
 from simvehicle.scenario.swarm import Member, Scenario
-from simvehicle.survey.launch import plan
+from simvehicle.survey.draft import draft, in_process
 from simvehicle.survey.survey_file import load
 
 SURVEY = pathlib.Path(__file__).parent.parent / "examples" / "survey.yaml"
@@ -42,8 +41,8 @@ class TimedAgents:
 
 
 def main() -> None:
-    with tempfile.TemporaryDirectory() as name:
-        drafted = plan(load(SURVEY), pathlib.Path(name))
+    survey = load(SURVEY)
+    drafted = draft(survey, in_process(survey))
     scenario = Scenario(drafted.drones, drafted.fleet)
     agents = TimedAgents(list(scenario.members.values()))
     began_s = time.process_time()  # what others do on this machine is not ours to measure

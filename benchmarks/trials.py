@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks import Figures
-from simvehicle.experiments.locus.definitions import Options, define
+from simvehicle.experiments.experiment import Options
+from simvehicle.experiments.locus.definitions import define
 from simvehicle.experiments.run import usual_jobs
 from simvehicle.trials.batch import spread
 from simvehicle.trials.cell import STRATEGIES, Cell

@@ -14,9 +14,11 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from benchmarks import Figures
 from mission.geometry.frames import Geodetic
-from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec, WindConfig
-from simvehicle.vehicle.simulated_vehicle import SimulatedVehicle
+from simvehicle.drone.drone_spec import VehicleSpec
+from simvehicle.drone.simulated_vehicle import SimulatedVehicle
+from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.world.configured import make_world
+from simvehicle.world.world_config import WindConfig
 
 _COMPANION_HZ = {30: 10, 33: 10, 32: 10, 1: 1, 24: 1, 245: 2, 147: 1, 193: 1, 168: 1, 242: 0.5}
 _GROUND_HZ = {33: 2, 30: 2, 1: 1, 245: 1, 242: 0.5}
@@ -62,7 +64,7 @@ def fleet(count: int, flavour: Literal["ardupilot", "px4"]) -> list[SimulatedVeh
         ready_after_s=1.0,
     )
     world = make_world(config)
-    return [SimulatedVehicle(spec, config, world, 0) for spec in config.vehicles]
+    return [SimulatedVehicle(spec, world, seed=0, ready_after_s=1.0) for spec in config.vehicles]
 
 
 def cost(count: int, flavour: Literal["ardupilot", "px4"]) -> tuple[float, float]:

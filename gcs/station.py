@@ -9,7 +9,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import msgspec
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from flightstack.mavlink import vehicle_state
+from flightstack.mavlink.codec import MavlinkCodec
+from flightstack.mavlink.commands import heartbeat, set_mode
+from flightstack.mavlink.message_rates import StreamRequests
+from flightstack.mavlink.modes import Flavour, mode_of
 from flightstack.swarm import topics
 from flightstack.swarm.topics import Topic
 from flightstack.swarm.wire import (
@@ -25,15 +31,22 @@ from flightstack.transport import Received
 from gcs.fleet.monitor import Monitor, on_the_wire
 from gcs.fleet.orphans import OrphanKeeper
 from gcs.fleet.proxy import CommandProxy
-from gcs.fleet.vehicles import Component
+from gcs.fleet.vehicles import Component, Source
 from gcs.fleet.view import FleetView
-from gcs.mavlink_port import MavlinkPort
-from gcs.message_requests import StreamAsker
 from gcs.station_config import GroundConfig
 from mission.geometry.frames import LocalFrame
 from mission.geometry.geofence import Geofence, LocalFence
 
+COMPONENT = mavlink.MAV_COMP_ID_MISSIONPLANNER
+"""190: what ground stations use."""
 HEARTBEAT_HZ = 1.0
+_NEEDED_HZ = {
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0,
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
+    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1.0,
+}
+RATES_HZ = dict.fromkeys(Flavour, _NEEDED_HZ)
+"""The few messages that the ground station needs of any autopilot."""
 TRAFFIC_POSITION_MAX_AGE_S = 5.0
 """A vehicle whose last position is older is no use as an obstacle: it may be anywhere."""
 _EARLY_FRAMES = 200
@@ -73,9 +86,12 @@ class Station:
         self.monitor = Monitor(config.alarms, LocalFence(frame, fence) if fence is not None else None)
         self._keeper = OrphanKeeper(config.orphans)
         self._proxy = CommandProxy(config.alarms.agent_silent_s)
-        self._streams = StreamAsker()
-        self._ports = [MavlinkPort(config.mavlink.system) for _ in config.mavlink.links]
-        self._writes = [bytearray() for _ in self._ports]
+        self._streams: dict[Source, StreamRequests] = {}
+        self._codecs = [
+            MavlinkCodec(config.mavlink.system, COMPONENT, vehicle_state.STATES, vehicle_state.EVENTS)
+            for _ in config.mavlink.links
+        ]
+        self._writes = [bytearray() for _ in self._codecs]
         self._publish: list[tuple[Topic, msgspec.Struct]] = []
         self._timeline: list[TimelineEntry] = []
         self._frames: list[Frame] = []
@@ -87,9 +103,10 @@ class Station:
     def step(self, now_s: float, peers: Sequence[Received], links: Sequence[bytes]) -> StationOutputs:
         """One tick: `links` holds what came over each MAVLink link since the last."""
         self._publish, self._timeline, self._frames, self._log = [], [], [], []
-        self._writes = [bytearray() for _ in self._ports]
+        self._writes = [bytearray() for _ in self._codecs]
         for index, data in enumerate(links):
             self._receive_mavlink(now_s, index, data)
+        self._tell_texts(now_s)
         for received in peers:
             self._receive_peer(now_s, received)
         self._watch(now_s)
@@ -106,14 +123,24 @@ class Station:
     # -- in ------------------------------------------------------------------------------------------------
 
     def _receive_mavlink(self, now_s: float, index: int, data: bytes) -> None:
-        for message in self._ports[index].decode(data):
-            component = self.fleet.receive_mavlink(now_s, index, message)
+        codec = self._codecs[index]
+        for frame, message in codec.receive_frames(now_s, data):
+            if message is not None:
+                component = self.fleet.receive_mavlink(now_s, index, message)
+                if message.kind == mavlink.MAVLINK_MSG_ID_COMMAND_ACK and codec.is_answer_to_us(message):
+                    self._requests_of(component).acknowledge(
+                        now_s, message.fields.command, message.fields.result
+                    )
+            self._log_frame(Frame(frame.system, frame.data))
+
+    def _tell_texts(self, now_s: float) -> None:
+        for component in self.fleet.vehicles.components.values():
+            component.flush(now_s)
             system = component.source.system
-            self._log_frame(Frame(system, bytes(message.get_msgbuf())))
-            for report in component.take_reports():
-                self._timeline.append(TimelineEntry(f"/statustext/{system}", report._asdict()))
-                if not self.fleet.agent_live(system, now_s) and report.severity <= 4:
-                    self._event(Severity.WARNING, system, "statustext", report.text)
+            for text in component.take_texts():
+                self._timeline.append(TimelineEntry(f"/statustext/{system}", text))
+                if not self.fleet.agent_live(system, now_s) and text.severity <= 4:
+                    self._event(Severity.WARNING, system, "statustext", text.text)
 
     def _log_frame(self, frame: Frame) -> None:
         """Into the vehicle's log; what came before its first heartbeat waits until it is known as a vehicle."""
@@ -146,27 +173,32 @@ class Station:
             self._event(Severity.INFO, alarm.drone, alarm.code, f"over: {alarm.text}")
 
     def _act(self, now_s: float) -> None:
-        for request in self._keeper.step(now_s, self.fleet):
-            frame = self._ports[request.source.link].set_mode(request)
-            self._write(request.source.link, request.source.system, frame)
+        for change in self._keeper.step(now_s, self.fleet):
+            vehicle = change.vehicle
+            custom_mode = mode_of(vehicle.flavour, change.duty)
+            self._send(vehicle.source, set_mode(vehicle, custom_mode, change.confirmation))
         for action in self._keeper.take_actions():
             self._timeline.append(TimelineEntry("/action", action))
             self._event(action.severity, action.drone, "bring_home", action.text)
         for outcome in self._proxy.step(now_s, self.fleet):
             self._publish.append((topics.OUTCOME, outcome))
-        for wish in self._streams.step(now_s, self.fleet.vehicles.autopilots()):
-            port = self._ports[wish.source.link]
-            frame = (
-                port.request_message(wish.source, wish.message_id)
-                if wish.interval_s is None
-                else port.set_interval(wish.source, wish.message_id, wish.interval_s)
+        for autopilot in self.fleet.vehicles.autopilots():
+            for message in self._requests_of(autopilot).step(now_s, autopilot):
+                self._send(autopilot.source, message)
+
+    def _requests_of(self, component: Component) -> StreamRequests:
+        requests = self._streams.get(component.source)
+        if requests is None:
+            # What another ground station on this radio asked for already is left as it comes.
+            requests = self._streams[component.source] = StreamRequests(
+                RATES_HZ, once=(mavlink.MAVLINK_MSG_ID_HOME_POSITION,), asks_first=False
             )
-            self._write(wish.source.link, wish.source.system, frame)
+        return requests
 
     def _tell(self, now_s: float) -> None:
         if self._due(now_s, "heartbeat", HEARTBEAT_HZ):
-            for index, port in enumerate(self._ports):
-                self._writes[index] += port.heartbeat()
+            for index, codec in enumerate(self._codecs):
+                self._writes[index] += codec.encode(heartbeat(mavlink.MAV_TYPE_GCS))
         if self._due(now_s, topics.GROUND.name, topics.GROUND.rate_hz):
             self._sequence += 1
             self._publish.append((topics.GROUND, GroundBeat(self.config.station, self._sequence)))
@@ -216,9 +248,10 @@ class Station:
 
     # -- out -----------------------------------------------------------------------------------------------
 
-    def _write(self, link: int, system: int, frame: bytes) -> None:
-        self._writes[link] += frame
-        self._frames.append(Frame(system, frame))
+    def _send(self, target: Source, message: Any) -> None:
+        frame = self._codecs[target.link].encode(message)
+        self._writes[target.link] += frame
+        self._frames.append(Frame(target.system, frame))
 
     def _event(self, severity: Severity, drone: int, code: str, text: str) -> None:
         self._sequence += 1

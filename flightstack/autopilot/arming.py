@@ -8,7 +8,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flightstack.autopilot.modes import Duty, Flavour
+from flightstack.autopilot.mode_exchange import ModeExchange
 from flightstack.autopilot.requests import (
     ARMED_WITHIN_S,
     PRESS_DOWN,
@@ -19,8 +19,9 @@ from flightstack.autopilot.requests import (
     RequestKind,
     RequestOutcome,
 )
-from flightstack.mavlink.exchanges import Answer, CommandExchange, ModeExchange
-from flightstack.mavlink.telemetry import Telemetry
+from flightstack.autopilot.telemetry import Telemetry
+from flightstack.mavlink.exchanges import Answer, CommandExchange
+from flightstack.mavlink.modes import Duty, Flavour
 
 ARM_AGAIN_S = 2.0
 
@@ -147,10 +148,10 @@ class Arm(Request):
         self._mode.acknowledge(now_s, command, result)
         self._command.acknowledge(now_s, command, result)
 
-    def parameter(self, vehicle: Telemetry, message: Any) -> None:
+    def parameter(self, vehicle: Telemetry, fields: Any) -> None:
         if self.prepare is not None:
-            self.prepare.parameter(vehicle, message)
+            self.prepare.parameter(vehicle, fields)
 
-    def parameter_error(self, message: Any) -> None:
+    def parameter_error(self, fields: Any) -> None:
         if self.prepare is not None:
-            self.prepare.parameter_error(message)
+            self.prepare.parameter_error(fields)

@@ -10,8 +10,8 @@ import re
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flightstack.autopilot.modes import Flavour, mode_name
 from flightstack.autopilot.report import TakenBy
+from flightstack.mavlink.modes import Flavour, mode_name
 
 EXPECTED_FOR_S = 5.0
 """How long after the last request for a mode its coming is still our doing."""

@@ -6,7 +6,8 @@ import enum
 
 import msgspec
 
-from flightstack.autopilot.modes import Flavour
+from flightstack.mavlink.modes import Flavour
+from flightstack.mavlink.statustext import StatusText
 from mission.geometry.frames import Vector3
 
 
@@ -18,12 +19,6 @@ class TakenBy(enum.StrEnum):
     """A person, by remote control or ground station: a mode that we did not ask for, and no failsafe in sight."""
     AUTOPILOT = "autopilot"
     """The autopilot itself: fence, estimator, battery, lost link."""
-
-
-class StatusText(msgspec.Struct, frozen=True):
-    severity: int
-    """MAV_SEVERITY: 0 emergency … 2 critical, 4 warning, 6 information, 7 debug."""
-    text: str
 
 
 class VehicleReport(msgspec.Struct, frozen=True, kw_only=True):

@@ -13,9 +13,10 @@ from typing import Any
 import msgspec
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flightstack.autopilot.modes import Duty, Flavour
-from flightstack.mavlink.exchanges import Answer, CommandExchange, ModeExchange, ParameterExchange
-from flightstack.mavlink.telemetry import Telemetry
+from flightstack.autopilot.mode_exchange import ModeExchange
+from flightstack.autopilot.telemetry import Telemetry
+from flightstack.mavlink.exchanges import Answer, CommandExchange, ParameterExchange
+from flightstack.mavlink.modes import Duty, Flavour
 from mission.geometry.frames import Vector3
 
 TEXTS_AFTER_S = 1.0
@@ -148,11 +149,11 @@ class Request:
     def acknowledge(self, now_s: float, command: int, result: int) -> None:
         """A COMMAND_ACK to us has come."""
 
-    def parameter(self, vehicle: Telemetry, message: Any) -> None:
-        """A PARAM_VALUE has come."""
+    def parameter(self, vehicle: Telemetry, fields: Any) -> None:
+        """A PARAM_VALUE with these fields has come."""
 
-    def parameter_error(self, message: Any) -> None:
-        """A PARAM_ERROR has come."""
+    def parameter_error(self, fields: Any) -> None:
+        """A PARAM_ERROR with these fields has come."""
 
 
 class Prepare(Request):
@@ -189,13 +190,13 @@ class Prepare(Request):
             self.end(now_s, RequestOutcome.SUCCEEDED)
         return []
 
-    def parameter(self, vehicle: Telemetry, message: Any) -> None:
+    def parameter(self, vehicle: Telemetry, fields: Any) -> None:
         if self._left:
-            self._left[0].value(vehicle.flavour, message)
+            self._left[0].value(vehicle.flavour, fields)
 
-    def parameter_error(self, message: Any) -> None:
+    def parameter_error(self, fields: Any) -> None:
         if self._left:
-            self._left[0].error(message)
+            self._left[0].error(fields)
 
 
 class ModeRequest(Request):
@@ -269,7 +270,7 @@ def stay(now_s: float, vehicle: Telemetry) -> Target | None:
     """The target that changes nothing: the present position in the air, a press on the ground below."""
     if not vehicle.is_airborne(now_s):
         return PRESS_DOWN
-    position_ned_m = vehicle.position_ned_m()
+    position_ned_m = vehicle.position_ned_m
     return None if position_ned_m is None else Position(position_ned_m)
 
 

@@ -13,7 +13,6 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.autopilot.arming import Arm
-from flightstack.autopilot.modes import Duty, Flavour
 from flightstack.autopilot.report import VehicleReport
 from flightstack.autopilot.requests import (
     Disarm,
@@ -30,10 +29,13 @@ from flightstack.autopilot.requests import (
 )
 from flightstack.autopilot.setpoints import position_setpoint, velocity_setpoint
 from flightstack.autopilot.takeoff import Takeoff
+from flightstack.autopilot.telemetry import EVENTS, STATES, Telemetry
 from flightstack.config import AutopilotConfig
-from flightstack.mavlink.framing import FrameReader
-from flightstack.mavlink.message_rates import RATES_HZ, StreamRequests
-from flightstack.mavlink.telemetry import Telemetry
+from flightstack.mavlink.codec import MavlinkCodec, MavlinkMessage
+from flightstack.mavlink.commands import heartbeat
+from flightstack.mavlink.fields import layout
+from flightstack.mavlink.message_rates import StreamRequests
+from flightstack.mavlink.modes import Duty, Flavour
 from mission.geometry.frames import LocalFrame, Vector3
 
 COMPONENT = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
@@ -47,17 +49,36 @@ PROBLEM_S = 2.0
 """How long `problem` tells of a failure."""
 RESULTS_KEPT = 32
 
-EVENTS = frozenset(
+_NEEDED_HZ = {
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE: 10.0,
+    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 2.0,
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
+    mavlink.MAVLINK_MSG_ID_HOME_POSITION: 0.5,
+}
+RATES_HZ: dict[Flavour, dict[int, float]] = {
+    Flavour.ARDUPILOT: {
+        **_NEEDED_HZ,
+        mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 2.0,
+        mavlink.MAVLINK_MSG_ID_WIND: 1.0,
+    },
+    Flavour.PX4: {
+        **_NEEDED_HZ,
+        mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 2.0,
+        mavlink.MAVLINK_MSG_ID_WIND_COV: 1.0,
+    },
+}
+"""What the agent needs of each autopilot, in the order in which it is asked for."""
+_MAY_BE_ABSENT = frozenset(
     (
-        mavlink.MAVLINK_MSG_ID_COMMAND_ACK,
-        mavlink.MAVLINK_MSG_ID_PARAM_VALUE,
-        mavlink.MAVLINK_MSG_ID_PARAM_ERROR,
-        mavlink.MAVLINK_MSG_ID_STATUSTEXT,
-        mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT,
+        mavlink.MAVLINK_MSG_ID_WIND,
+        mavlink.MAVLINK_MSG_ID_WIND_COV,
+        mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
+        mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
+        mavlink.MAVLINK_MSG_ID_HOME_POSITION,
     )
 )
-STATES = frozenset((mavlink.MAVLINK_MSG_ID_HEARTBEAT,)).union(*RATES_HZ.values())
-"""With EVENTS the only messages that are decoded."""
+"""Silence in these is no fault: not estimated, not known yet, or there is another way to tell."""
 
 
 class AutopilotSession:
@@ -68,9 +89,8 @@ class AutopilotSession:
         self._frame = frame
         configured = Flavour.UNKNOWN if config.flavour == "auto" else Flavour(config.flavour)
         self._vehicle = Telemetry(system, frame, configured)
-        self._streams = StreamRequests()
-        self._reader = FrameReader(system, STATES, EVENTS)
-        self._encoder = mavlink.MAVLink(None, srcSystem=system, srcComponent=COMPONENT)
+        self._streams = StreamRequests(RATES_HZ)
+        self._codec = MavlinkCodec(system, COMPONENT, STATES, EVENTS, only_system=system)
         self._now_s = -math.inf
         self._next_heartbeat_s = -math.inf
         self._request: Request | None = None
@@ -89,41 +109,36 @@ class AutopilotSession:
         """Bytes from the link, in any pieces. Call it every tick, also with none: ages are counted from `now_s`."""
         self._now_s = max(self._now_s, now_s)
         self._report = None
-        boots = self._vehicle.boots
-        for message in self._reader.read(now_s, data):
-            if self._vehicle.accept(now_s, message):
+        vehicle, told = self._vehicle, len(self._vehicle.new_texts)
+        for message in self._codec.receive(now_s, data):
+            if vehicle.hear(now_s, message):
                 self._dispatch(now_s, message)
-        self._vehicle.flush(now_s)
-        if self._vehicle.boots != boots:
-            self._streams.restart()
+        vehicle.flush(now_s)
+        if self._request is not None:
+            for text in vehicle.new_texts[told:]:
+                self._request.text(text.severity, text.text)
 
-    def _dispatch(self, now_s: float, message: Any) -> None:
-        kind = message.get_msgId()
-        self._streams.received(now_s, kind)
-        request = self._request
+    def _dispatch(self, now_s: float, message: MavlinkMessage) -> None:
+        kind, fields, request = message.kind, message.fields, self._request
         if kind == mavlink.MAVLINK_MSG_ID_COMMAND_ACK:
-            # Without the extension fields (MAVLink 1) it is not known whom it answers.
-            target = (message.target_system, message.target_component)
-            if target in ((0, 0), (self._vehicle.system, COMPONENT)):
-                self._streams.acknowledge(now_s, message.command, message.result)
+            if self._codec.is_answer_to_us(message):
+                self._streams.acknowledge(now_s, fields.command, fields.result)
                 if request is not None:
-                    request.acknowledge(now_s, message.command, message.result)
+                    request.acknowledge(now_s, fields.command, fields.result)
         elif request is None:
             return
         elif kind == mavlink.MAVLINK_MSG_ID_PARAM_VALUE:
-            request.parameter(self._vehicle, message)
+            request.parameter(self._vehicle, fields)
         elif kind == mavlink.MAVLINK_MSG_ID_PARAM_ERROR:
-            request.parameter_error(message)
-        elif kind == mavlink.MAVLINK_MSG_ID_STATUSTEXT and self._vehicle.new_texts:
-            newest = self._vehicle.new_texts[-1]
-            request.text(newest.severity, newest.text)
+            request.parameter_error(fields)
 
     @property
     def report(self) -> VehicleReport:
         """The vehicle as known now; what is new in it is what came since the last `step`."""
         if self._report is None:
             refusal = self._request.complaint if self._request is not None else ""
-            notes = self._streams.notes()
+            missing = sorted(self._streams.missing - _MAY_BE_ABSENT)
+            notes = tuple(f"autopilot does not send {layout(kind).name}" for kind in missing)
             if self._withheld:
                 notes = (*notes, self._withheld)
             self._report = self._vehicle.report(self._now_s, refusal, notes)
@@ -234,7 +249,7 @@ class AutopilotSession:
         if now_s >= self._next_heartbeat_s:
             overdue = now_s - self._next_heartbeat_s > HEARTBEAT_S
             self._next_heartbeat_s = (now_s if overdue else self._next_heartbeat_s) + HEARTBEAT_S
-            messages.append(_heartbeat())
+            messages.append(heartbeat(mavlink.MAV_TYPE_ONBOARD_CONTROLLER))
         messages += self._streams.step(now_s, self._vehicle)
         fallback = None
         request = self._request
@@ -251,7 +266,7 @@ class AutopilotSession:
         self._target = None
         self._vehicle.clear_news()
         self._report = None
-        return b"".join(map(self._encode, messages))
+        return b"".join(map(self._codec.encode, messages))
 
     def _finish(self, now_s: float) -> None:
         request, self._request = self._request, None
@@ -292,22 +307,6 @@ class AutopilotSession:
         if isinstance(self._request, Takeoff):
             return "setpoint withheld: taking off"
         return ""
-
-    def _encode(self, message: Any) -> bytes:
-        data: bytes = message.pack(self._encoder)
-        self._encoder.seq = (self._encoder.seq + 1) % 256
-        return data
-
-
-def _heartbeat() -> Any:
-    return mavlink.MAVLink_heartbeat_message(
-        mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
-        mavlink.MAV_AUTOPILOT_INVALID,
-        0,
-        0,
-        mavlink.MAV_STATE_ACTIVE,
-        3,
-    )
 
 
 def _check_finite(what: str, vector: Vector3, yaw_rad: float | None) -> None:

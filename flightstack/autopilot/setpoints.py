@@ -11,8 +11,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flightstack.autopilot.modes import Flavour
-from flightstack.mavlink.telemetry import Telemetry
+from flightstack.autopilot.telemetry import Telemetry
+from flightstack.mavlink.modes import Flavour
 from mission.geometry.frames import LocalFrame, Vector3
 
 POSITION_MASK = 0x9F8

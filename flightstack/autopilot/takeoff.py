@@ -8,10 +8,10 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flightstack.autopilot.modes import Flavour
 from flightstack.autopilot.requests import TEXTS_AFTER_S, Position, Request, RequestKind, RequestOutcome
+from flightstack.autopilot.telemetry import Telemetry
 from flightstack.mavlink.exchanges import Answer, CommandExchange
-from flightstack.mavlink.telemetry import Telemetry
+from flightstack.mavlink.modes import Flavour
 from mission.geometry.frames import LocalFrame, Vector3
 
 LIFT_OFF_S = 15.0
@@ -57,7 +57,7 @@ class Takeoff(Request):
         return isinstance(other, Takeoff) and other.above_home_m == self.above_home_m
 
     def _go_on(self, now_s: float, vehicle: Telemetry) -> list[Any]:
-        position_ned_m = vehicle.position_ned_m()
+        position_ned_m = vehicle.position_ned_m
         if not vehicle.armed:
             why = "disarmed while taking off" if self._command is not None else "not armed"
             self.end(now_s, RequestOutcome.REFUSED, "; ".join((why, *self._texts)))

@@ -125,7 +125,7 @@ class Guard:
         """The target itself, or the nearest point that the altitude band and the fence allow."""
         limits = self._limits
         north_m, east_m, down_m = target
-        if self._fence is not None and self._fence.clearance_m(north_m, east_m) < limits.fence_margin_m:
+        if self._fence is not None and not self._fence.keeps(north_m, east_m, limits.fence_margin_m):
             north_m, east_m = self._fence.nearest_allowed(north_m, east_m, limits.fence_margin_m)
             held_by.append("the target lies outside the geofence")
         lowest_m, highest_m = -limits.floor_above_home_m, -limits.ceiling_above_home_m
@@ -157,7 +157,8 @@ class Guard:
         for other in neighbours:
             if not other.airborne:
                 continue
-            to_other = tuple(o - p for o, p in zip(whereabouts(other, position), position, strict=True))
+            north_m, east_m, down_m = whereabouts(other, position)
+            to_other = north_m - position[0], east_m - position[1], down_m - position[2]
             distance_m = math.hypot(*to_other)
             if distance_m > reach_m:
                 continue
@@ -201,17 +202,18 @@ class Guard:
         if self._fence is None:
             return velocity
         north_m, east_m = position[0], position[1]
-        spare_m = self._fence.clearance_m(north_m, east_m) - self._limits.fence_margin_m
-        if spare_m > 4.0 * self._limits.speed_mps:
+        margin_m = self._limits.fence_margin_m
+        if self._fence.keeps(north_m, east_m, margin_m + 4.0 * self._limits.speed_mps):
             return velocity
+        spare_m = self._fence.clearance_m(north_m, east_m) - margin_m
         edge_n, edge_e = self._fence.nearest_edge_point(north_m, east_m)
         outward = (edge_n - north_m, edge_e - east_m)
         length_m = math.hypot(*outward)
         if length_m < 1e-3:
-            back_n, back_e = self._fence.nearest_allowed(north_m, east_m, self._limits.fence_margin_m)
+            back_n, back_e = self._fence.nearest_allowed(north_m, east_m, margin_m)
             outward = (north_m - back_n, east_m - back_e)
             length_m = max(math.hypot(*outward), 1e-3)
-        elif spare_m < -self._limits.fence_margin_m:
+        elif spare_m < -margin_m:
             outward = (-outward[0], -outward[1])  # outside: the edge is the way back
         towards = (outward[0] / length_m, outward[1] / length_m, 0.0)
         allowed_mps = braking_speed_mps(spare_m, self._limits.acceleration_mps2)
@@ -233,7 +235,7 @@ class Guard:
             north_mps, east_mps = velocity[0] * part, velocity[1] * part
             stop_s = REACTION_S + math.hypot(north_mps, east_mps) / (1.2 * self._limits.acceleration_mps2)
             stop = position[0] + north_mps * stop_s, position[1] + east_mps * stop_s
-            if self._fence.clearance_m(*stop) >= needed_m:
+            if self._fence.keeps(*stop, needed_m):
                 return north_mps, east_mps, velocity[2]
         return 0.0, 0.0, velocity[2]
 

@@ -46,15 +46,19 @@ COAST_S = 4.0
 
 def whereabouts(other: Neighbour, seen_from_ned_m: Vector3) -> Vector3:
     """Where a neighbour is now; of the places where one that fell silent can have come to rest, the nearest."""
-    position, velocity = other.position_ned_m, other.velocity_ned_mps
+    position, (north_mps, east_mps, down_mps) = other.position_ned_m, other.velocity_ned_mps
     if other.age_s <= FRESH_S:
         ahead_s = other.age_s
     else:
+        velocity = other.velocity_ned_mps
         speed2 = math.fsum(v * v for v in velocity)
         to_us = math.fsum((s - p) * v for s, p, v in zip(seen_from_ned_m, position, velocity, strict=True))
         ahead_s = min(max(to_us / speed2, 0.0), other.age_s, COAST_S) if speed2 > 1e-4 else 0.0
-    n, e, d = (p + v * ahead_s for p, v in zip(position, velocity, strict=True))
-    return n, e, d
+    return (
+        position[0] + north_mps * ahead_s,
+        position[1] + east_mps * ahead_s,
+        position[2] + down_mps * ahead_s,
+    )
 
 
 _BESIDE_M = sorted(

@@ -1,1 +1,1 @@
-"""MAVLink as agent and ground station speak it: links, frames, exchanges, the vehicle's state."""
+"""One MAVLink client for agent and ground station: links, frames, exchanges, the vehicle's state."""

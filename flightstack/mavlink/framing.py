@@ -1,148 +1,119 @@
-"""MAVLink bytes to the few messages that are wanted, in any chunking and between any garbage.
+"""MAVLink frames in bytes, in any chunking and between any garbage: found by header, proven by checksum.
 
-An autopilot's link may carry hundreds of messages a second of which the agent needs a few dozen. Frames of other
-kinds are stepped over by their header; only wanted ones are checked and decoded (by pymavlink), which keeps a
-tick cheap on a small computer.
+Nothing is unpacked here: what a frame is about stands in its header, and most frames on a link are about what nobody
+asked for.
 """
 
 from __future__ import annotations
 
-from collections.abc import Set as AbstractSet
-from typing import Any
+import struct
+from typing import Final, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flightstack.mavlink.sequence import SequenceFilter
-
 V1_MAGIC = 0xFE
 V2_MAGIC = 0xFD
-V1_OVERHEAD = 8
-"""Header (6) and checksum (2) of MAVLink 1."""
-V2_OVERHEAD = 12
+V1_HEADER_LENGTH = 6
+V2_HEADER_LENGTH = 10
+CHECKSUM_LENGTH = 2
 SIGNATURE_LENGTH = 13
 SIGNED = 0x01
 """The only incompatibility flag there is; a frame with another one must not be interpreted."""
 
+_CHECKSUM_SEEDS = {kind: bytes((message.crc_extra,)) for kind, message in mavlink.mavlink_map.items()}
+"""The byte that stands for a message's definition in its checksum, by message id."""
 
-class FrameReader:
-    """Decodes the messages of one `system` whose id is in `states` or `events`, and any system's heartbeats.
 
-    Of a state only newer messages come out; of events every one, once (`sequence`).
-    """
+_V2_HEADER: Final = struct.Struct("<BBBBBBBHB")
 
-    def __init__(self, system: int, states: AbstractSet[int], events: AbstractSet[int]) -> None:
-        self._system = system
-        self._wanted = frozenset(states | events)
-        self._events = frozenset(events)
-        self._senders: dict[int, SequenceFilter] = {}
-        """By component of our system."""
-        self._buffer = bytearray()
-        self._decoder = mavlink.MAVLink(None)
-        self.decoded = 0
-        self.skipped = 0
-        """Frames of kinds nobody wants."""
+
+class MavlinkFrame(NamedTuple):
+    """One whole frame. Its checksum is right, or it is of a kind that is not in the dialect."""
+
+    kind: int
+    """Message id."""
+    sequence: int
+    system: int
+    component: int
+    payload: bytes
+    """As it came: MAVLink 2 leaves out zeros at its end."""
+    data: bytes
+    """All of it, as it came."""
+
+
+class FrameFinder:
+    """Cuts the bytes of one link into frames; `bad_frames` counts what looked like one and was none."""
+
+    def __init__(self) -> None:
+        self._rest = b""
         self.bad_frames = 0
-        """Frames of a wanted kind whose checksum was wrong."""
-        self.late_frames = 0
-        """Wanted frames that came twice, or after a newer one."""
 
-    def read(self, now_s: float, data: bytes) -> list[Any]:
-        """The wanted messages completed by `data`, in order. An incomplete frame waits for the next call."""
-        buffer = self._buffer
-        buffer += data
-        messages: list[Any] = []
-        start, end = 0, len(buffer)
-        while True:
-            start = self._next_magic(start)
-            if start < 0:
-                start = end
+    def find(self, data: bytes) -> list[MavlinkFrame]:
+        """The frames completed by `data`, in order. An incomplete frame waits for the next call."""
+        buffer = self._rest + data if self._rest else data
+        frames: list[MavlinkFrame] = []
+        start, end = _next_magic(buffer, 0), len(buffer)
+        while start < end:
+            if end - start < V1_HEADER_LENGTH:
                 break
-            left = end - start
-            if left < V1_OVERHEAD:
-                break
-            is_v2 = buffer[start] == V2_MAGIC
-            if is_v2 and left < V2_OVERHEAD:
-                break
-            length, kind = self._header(start, is_v2)
-            if length == 0:
-                start += 1
-                continue
-            if left < length:
-                break
-            sequence, system, component = self._identity(start, is_v2)
-            ours = system == self._system
-            if kind not in self._wanted or not (ours or kind == mavlink.MAVLINK_MSG_ID_HEARTBEAT):
-                if not self._is_frame(start, length, end):
-                    start += 1
-                    continue
-                self.skipped += 1
-                if ours:
-                    self._sender(component).count(now_s, sequence)
+            if buffer[start] == V2_MAGIC:
+                if end - start < V2_HEADER_LENGTH:
+                    break
+                body, signed = start + V2_HEADER_LENGTH, buffer[start + 2]
+                after_body = body + buffer[start + 1]
+                stop = after_body + CHECKSUM_LENGTH + (SIGNATURE_LENGTH if signed else 0)
+                sound = not signed & ~SIGNED
+                kind = buffer[start + 7] | buffer[start + 8] << 8 | buffer[start + 9] << 16
+                identity = start + 4
             else:
-                message = self._decode(start, length)
-                if message is None:
-                    start += 1
-                    continue
-                if ours and not self._counts(now_s, component, sequence, kind):
-                    self.late_frames += 1
-                else:
-                    self.decoded += 1
-                    messages.append(message)
-            start += length
-        del buffer[:start]
-        return messages
+                body, sound = start + V1_HEADER_LENGTH, True
+                after_body = body + buffer[start + 1]
+                stop = after_body + CHECKSUM_LENGTH
+                kind = buffer[start + 5]
+                identity = start + 2
+            if sound and stop > end - (kind not in _CHECKSUM_SEEDS):  # of those the next byte must be seen
+                break
+            if sound and _is_frame(buffer, start, after_body, stop, kind):
+                sequence, system, component = buffer[identity : identity + 3]
+                payload = buffer[body:after_body]
+                frames.append(MavlinkFrame(kind, sequence, system, component, payload, buffer[start:stop]))
+            else:
+                # Go on just behind its first byte: a false start may have covered a real frame.
+                self.bad_frames += 1
+                stop = start + 1
+            start = _next_magic(buffer, stop)
+        self._rest = buffer[start:]
+        return frames
 
-    def _next_magic(self, start: int) -> int:
-        """Index of the next byte that may begin a frame, -1 if there is none."""
-        v2 = self._buffer.find(V2_MAGIC, start)
-        v1 = self._buffer.find(V1_MAGIC, start, v2 if v2 >= 0 else len(self._buffer))
-        return v1 if v1 >= 0 else v2
 
-    def _header(self, start: int, is_v2: bool) -> tuple[int, int]:
-        """(length of the whole frame, message id); length 0 for a header that cannot be one."""
-        buffer = self._buffer
-        if not is_v2:
-            return buffer[start + 1] + V1_OVERHEAD, buffer[start + 5]
-        flags = buffer[start + 2]
-        if flags & ~SIGNED:
-            return 0, 0
-        signature = SIGNATURE_LENGTH if flags & SIGNED else 0
-        kind = buffer[start + 7] | buffer[start + 8] << 8 | buffer[start + 9] << 16
-        return buffer[start + 1] + V2_OVERHEAD + signature, kind
+def _next_magic(buffer: bytes, start: int) -> int:
+    """Index of the next byte that may begin a frame, the buffer's length if there is none."""
+    if start >= len(buffer) or buffer[start] == V2_MAGIC:
+        return start
+    v2 = buffer.find(V2_MAGIC, start)
+    v1 = buffer.find(V1_MAGIC, start, v2 if v2 >= 0 else len(buffer))
+    if v1 >= 0:
+        return v1
+    return v2 if v2 >= 0 else len(buffer)
 
-    def _identity(self, start: int, is_v2: bool) -> tuple[int, int, int]:
-        """(sequence number, system, component)."""
-        at = start + (4 if is_v2 else 2)
-        return self._buffer[at], self._buffer[at + 1], self._buffer[at + 2]
 
-    def _sender(self, component: int) -> SequenceFilter:
-        sender = self._senders.get(component)
-        if sender is None:
-            sender = self._senders[component] = SequenceFilter(self._events)
-        return sender
+def _is_frame(buffer: bytes, start: int, after_body: int, stop: int, kind: int) -> bool:
+    """Whether the checksum is right. Without a definition nobody can tell: then the next byte must begin a frame."""
+    seed = _CHECKSUM_SEEDS.get(kind)
+    if seed is None:
+        return buffer[stop] in (V1_MAGIC, V2_MAGIC)
+    return _checksum(buffer[start + 1 : after_body], seed) == buffer[after_body] | buffer[after_body + 1] << 8
 
-    def _counts(self, now_s: float, component: int, sequence: int, kind: int) -> bool:
-        sender = self._sender(component)
-        return sender.is_new(sender.count(now_s, sequence), kind)
 
-    def _is_frame(self, start: int, length: int, end: int) -> bool:
-        """Whether the unwanted frame at `start` is one: a false start could swallow a real frame.
+def _checksum(covered: bytes, seed: bytes) -> int:
+    checksum: int = mavlink.x25crc(covered + seed).crc
+    return checksum
 
-        It is believed unchecked if another one follows it at once, or nothing yet.
-        """
-        follows = start + length
-        if follows == end or self._buffer[follows] in (V1_MAGIC, V2_MAGIC):
-            return True
-        try:
-            self._decoder.decode(self._buffer[start : start + length])
-        except mavlink.MAVError:
-            return False
-        return True
 
-    def _decode(self, start: int, length: int) -> Any | None:
-        try:
-            message = self._decoder.decode(self._buffer[start : start + length])
-        except mavlink.MAVError:
-            self.bad_frames += 1
-            return None
-        return message
+def pack_frame(kind: int, sequence: int, system: int, component: int, payload: bytes) -> bytes:
+    """An unsigned MAVLink 2 frame. KeyError if the dialect has no message of this kind."""
+    header = _V2_HEADER.pack(
+        V2_MAGIC, len(payload), 0, 0, sequence, system, component, kind & 0xFFFF, kind >> 16
+    )
+    checksum = _checksum(header[1:] + payload, _CHECKSUM_SEEDS[kind])
+    return header + payload + checksum.to_bytes(2, "little")

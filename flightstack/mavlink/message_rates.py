@@ -1,122 +1,177 @@
-"""Asks the autopilot for the messages that the agent needs, at the rates it needs, and for nothing else.
+"""Asks an autopilot for the messages that are needed, at the rates that are needed, and for nothing else.
 
-A stream that does not come, or comes far too seldom, is asked for again: requests get lost, and an autopilot that
-restarts has forgotten them. One request is open at a time.
+An autopilot sends by itself little more than its heartbeat, requests get lost, and one that restarts has forgotten
+them: what does not come, or comes far too seldom, is asked for again. The streams themselves are the answer; an
+acknowledgement only tells sooner that there is none. One request is open at a time, so that a slow radio is not
+flooded.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections import deque
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flightstack.autopilot.modes import Flavour
-from flightstack.mavlink.exchanges import command_long
-from flightstack.mavlink.telemetry import Telemetry
+from flightstack.mavlink.commands import message_interval, message_once
+from flightstack.mavlink.modes import Flavour
+from flightstack.mavlink.vehicle_state import VehicleState
 
-_NEEDED_HZ = {
-    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
-    mavlink.MAVLINK_MSG_ID_ATTITUDE: 10.0,
-    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 2.0,
-    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
-    mavlink.MAVLINK_MSG_ID_HOME_POSITION: 0.5,
-}
-RATES_HZ: dict[Flavour, dict[int, float]] = {
-    Flavour.ARDUPILOT: {
-        **_NEEDED_HZ,
-        mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 2.0,
-        mavlink.MAVLINK_MSG_ID_WIND: 1.0,
-    },
-    Flavour.PX4: {
-        **_NEEDED_HZ,
-        mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 2.0,
-        mavlink.MAVLINK_MSG_ID_WIND_COV: 1.0,
-    },
-}
-"""What the agent needs of each autopilot, in the order in which it is asked for."""
-
-OPTIONAL = frozenset(
-    (
-        mavlink.MAVLINK_MSG_ID_WIND,
-        mavlink.MAVLINK_MSG_ID_WIND_COV,
-        mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
-        mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
-        mavlink.MAVLINK_MSG_ID_HOME_POSITION,
-    )
-)
-"""Silence in these is no fault: not estimated, not known yet, or there is another way to tell."""
-
+MISSED = 4
+"""Periods without a message …"""
+SILENCE_S = 2.0
+"""… and at least this long, after which a stream is taken as stopped."""
 WINDOW_S = 5.0
 """Over which a stream's rate is judged."""
 ENOUGH_FRACTION = 0.4
 """Of the wanted rate: schedulers round, links lose."""
 REPLY_S = 0.5
+ONCE_AGAIN_S = 0.5
+"""How soon a single message that has not come is asked for again."""
+QUICK_TRIES = 4
+SLOW_S = 10.0
+"""How often it is tried after `QUICK_TRIES` in vain."""
 REST_UNSUPPORTED_S = 60.0
+
+_NO = (mavlink.MAV_RESULT_UNSUPPORTED, mavlink.MAV_RESULT_DENIED)
+
+
+@dataclasses.dataclass(slots=True)
+class _Wanted:
+    """One message that is wanted, and what was done for it."""
+
+    kind: int
+    rate_hz: float
+    """0: once."""
+    asked_s: float = -math.inf
+    tries: int = 0
+    """In vain, in a row."""
+    vain_since_s: float = math.inf
+    """When the first of them was sent."""
+    resting_until_s: float = -math.inf
+    window_s: float = math.inf
+    """When the present window of its rate began …"""
+    window_count: int = 0
+    """… and how many had come by then."""
+
+    @property
+    def patience_s(self) -> float:
+        return ONCE_AGAIN_S if self.rate_hz == 0.0 else max(MISSED / self.rate_hz, SILENCE_S)
+
+    def is_wanting(self, now_s: float, vehicle: VehicleState, *, asks_first: bool) -> bool:
+        """Whether it is to be asked for now. Judges its rate on the way."""
+        if now_s < self.resting_until_s:
+            return False
+        heard_s = vehicle.received_s.get(self.kind, -math.inf)
+        if self.rate_hz == 0.0:
+            comes = heard_s > -math.inf
+        else:
+            comes = now_s - max(heard_s, self.asked_s) <= self.patience_s and not self._is_rare(
+                now_s, vehicle
+            )
+        if heard_s > self.asked_s:
+            self.tries, self.vain_since_s = 0, math.inf
+        if self.asked_s == -math.inf and (asks_first or not comes):
+            return True
+        again_s = self.patience_s if self.tries < QUICK_TRIES else SLOW_S
+        return not comes and now_s - self.asked_s >= again_s
+
+    def _is_rare(self, now_s: float, vehicle: VehicleState) -> bool:
+        """Whether too few came in a window that has just ended."""
+        count = vehicle.received_count.get(self.kind, 0)
+        since_s = now_s - self.window_s
+        if count == self.window_count:  # it is silent so far, and begins with what comes first
+            self.window_s = now_s
+            return False
+        if since_s < max(WINDOW_S, 3.0 / self.rate_hz):
+            return False
+        rare = count - self.window_count < ENOUGH_FRACTION * self.rate_hz * since_s
+        self.window_s, self.window_count = now_s, count
+        return rare
+
+    def is_missing(self, now_s: float, vehicle: VehicleState) -> bool:
+        """Whether it was asked for and nothing came, for long enough to say so."""
+        if vehicle.received_s.get(self.kind, -math.inf) >= self.vain_since_s:
+            return False
+        return now_s < self.resting_until_s or now_s - self.vain_since_s > WINDOW_S
+
+    def asked(self, now_s: float, vehicle: VehicleState) -> None:
+        """It has been asked for."""
+        self.tries += 1
+        self.vain_since_s = min(self.vain_since_s, now_s)
+        self.asked_s = self.window_s = now_s
+        self.window_count = vehicle.received_count.get(self.kind, 0)
 
 
 class StreamRequests:
-    """The open request, and when each stream is to be looked at again."""
+    """What one client asks of one autopilot."""
 
-    def __init__(self) -> None:
-        self._due_s: dict[int, float] = {}
-        self._times_s: dict[int, deque[float]] = {}
-        self._open: tuple[int, float] | None = None
-        self._flavour = Flavour.UNKNOWN
-        self._missing: set[int] = set()
+    def __init__(
+        self,
+        rates_hz: Mapping[Flavour, Mapping[int, float]],
+        once: Iterable[int] = (),
+        *,
+        asks_first: bool = True,
+    ) -> None:
+        """`rates_hz`: by flavour and message id, in the order in which they are asked for; a flavour that is not in
+        it is asked nothing. `once`: messages that are asked for until one has come. With `asks_first` also what comes
+        already is asked for, once, for its rate.
+        """
+        self._rates_hz = rates_hz
+        self._once = tuple(once)
+        self._asks_first = asks_first
+        self._wanted: list[_Wanted] = []
+        self._open: _Wanted | None = None
+        self._look_s = -math.inf
+        """When it is time for the next look at what comes."""
+        self._asked_of: tuple[Flavour, int] | None = None
+        """The flavour and the start of the autopilot that was asked."""
+        self.missing: frozenset[int] = frozenset()
+        """The streams that were asked for and do not come."""
 
-    def restart(self) -> None:
+    def _restart(self, flavour: Flavour) -> None:
         """The autopilot is new, or has forgotten what was asked."""
-        self._due_s.clear()
-        self._times_s.clear()
-        self._missing.clear()
+        rates_hz = self._rates_hz.get(flavour)
+        if rates_hz is None:
+            self._wanted = []
+        else:
+            self._wanted = [_Wanted(kind, rate_hz) for kind, rate_hz in rates_hz.items()]
+            self._wanted += [_Wanted(kind, 0.0) for kind in self._once]
         self._open = None
-
-    def received(self, now_s: float, kind: int) -> None:
-        times_s = self._times_s.get(kind)
-        if times_s is not None:
-            times_s.append(now_s)
-            self._missing.discard(kind)
+        self._look_s = -math.inf
 
     def acknowledge(self, now_s: float, command: int, result: int) -> None:
-        if command != mavlink.MAV_CMD_SET_MESSAGE_INTERVAL or self._open is None:
+        """A COMMAND_ACK to us has come."""
+        asked = self._open
+        if asked is None or command != (
+            mavlink.MAV_CMD_SET_MESSAGE_INTERVAL if asked.rate_hz else mavlink.MAV_CMD_REQUEST_MESSAGE
+        ):
             return
-        kind, _ = self._open
         self._open = None
-        if result in (mavlink.MAV_RESULT_UNSUPPORTED, mavlink.MAV_RESULT_DENIED):
-            self._due_s[kind] = now_s + REST_UNSUPPORTED_S
-            self._missing.add(kind)
+        self._look_s = -math.inf
+        if result in _NO:
+            asked.resting_until_s = now_s + REST_UNSUPPORTED_S
 
-    def notes(self) -> tuple[str, ...]:
-        """Needed streams that were asked for and do not come."""
-        names = [mavlink.mavlink_map[kind].msgname for kind in sorted(self._missing - OPTIONAL)]
-        return tuple(f"autopilot does not send {name}" for name in names)
-
-    def step(self, now_s: float, vehicle: Telemetry) -> list[Any]:
+    def step(self, now_s: float, vehicle: VehicleState) -> list[Any]:
         """The next request, if one is due."""
-        if vehicle.flavour is Flavour.UNKNOWN or not vehicle.is_connected(now_s):
+        if not vehicle.is_connected(now_s):
             return []
-        if vehicle.flavour is not self._flavour:
-            self.restart()
-            self._flavour = vehicle.flavour
-        if self._open is not None and now_s - self._open[1] < REPLY_S:
+        asked_of = (vehicle.flavour, vehicle.boots)
+        if asked_of != self._asked_of:
+            self._asked_of = asked_of
+            self._restart(vehicle.flavour)
+        if now_s < self._look_s:
             return []
-        for kind, rate_hz in RATES_HZ[self._flavour].items():
-            window_s = max(WINDOW_S, 3.0 / rate_hz)
-            due_s = self._due_s.setdefault(kind, -math.inf)
-            times_s = self._times_s.setdefault(kind, deque(maxlen=int(2.0 * rate_hz * window_s) + 1))
-            if now_s < due_s:
-                continue
-            while times_s and now_s - times_s[0] > window_s:
-                times_s.popleft()
-            enough = due_s > -math.inf and len(times_s) >= ENOUGH_FRACTION * rate_hz * window_s
-            self._due_s[kind] = now_s + window_s
-            if enough:
-                continue
-            if due_s > -math.inf and not times_s:
-                self._missing.add(kind)
-            self._open = (kind, now_s)
-            interval_us = 1e6 / rate_hz
-            return [command_long(vehicle, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, (float(kind), interval_us))]
+        self._open = None
+        self._look_s = now_s + REPLY_S
+        self.missing = frozenset(w.kind for w in self._wanted if w.is_missing(now_s, vehicle))
+        for wanted in self._wanted:
+            if wanted.is_wanting(now_s, vehicle, asks_first=self._asks_first):
+                wanted.asked(now_s, vehicle)
+                self._open = wanted
+                if wanted.rate_hz == 0.0:
+                    return [message_once(vehicle, wanted.kind)]
+                return [message_interval(vehicle, wanted.kind, wanted.rate_hz)]
         return []

@@ -26,17 +26,9 @@ class SequenceFilter:
         self._newest_of: dict[int, int] = {}
         self._recent_events: deque[int] = deque(maxlen=REORDERED_FRAMES)
 
-    def count(self, now_s: float, sequence: int) -> int:
-        """The number of this frame, counted on."""
-        behind = (self._newest - sequence) % 256
-        if self._newest >= 0 and behind < REORDERED_FRAMES and now_s - self._newest_s < REORDERED_S:
-            return self._newest - behind
-        self._newest += 256 - behind
-        self._newest_s = now_s
-        return self._newest
-
-    def is_new(self, number: int, kind: int) -> bool:
-        """Whether the frame of this kind counts; asked once for each."""
+    def is_news(self, now_s: float, sequence: int, kind: int) -> bool:
+        """Whether this frame, with this number, counts."""
+        number = self._count(now_s, sequence)
         if kind in self._events:
             if number in self._recent_events:
                 return False
@@ -46,3 +38,12 @@ class SequenceFilter:
             return False
         self._newest_of[kind] = number
         return True
+
+    def _count(self, now_s: float, sequence: int) -> int:
+        """The number of this frame, counted on past 255."""
+        behind = (self._newest - sequence) % 256
+        if self._newest >= 0 and behind < REORDERED_FRAMES and now_s - self._newest_s < REORDERED_S:
+            return self._newest - behind
+        self._newest += 256 - behind
+        self._newest_s = now_s
+        return self._newest

@@ -7,7 +7,7 @@ import time
 from flightstack.swarm import topics
 from flightstack.swarm.admission import Admission, Message, Refusal
 from flightstack.swarm.wire import CommandName, CommandOutcome, DroneState, GroundReport
-from gcs.commands.survey import SurveyCommand
+from gcs.commands.survey_command import SurveyCommand
 from gcs.connection import Connection
 
 POLL_S = 0.05

@@ -21,10 +21,12 @@ import math
 import msgspec
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flightstack.autopilot.modes import Duty, Flavour, mode_of
+from flightstack.mavlink.commands import result_name
+from flightstack.mavlink.modes import Duty, Flavour, mode_of
+from flightstack.mavlink.vehicle_state import HEARTBEAT_LOST_S
 from flightstack.swarm.wire import Phase, Severity
-from gcs.fleet.vehicles import Component, Source
-from gcs.fleet.view import HEARTBEAT_LOST_S, FleetView
+from gcs.fleet.vehicles import Component
+from gcs.fleet.view import FleetView
 from gcs.station_config import OrphanConfig
 
 FAST_REPEATS = 4
@@ -55,8 +57,7 @@ class Step(enum.StrEnum):
 class ModeChange(msgspec.Struct, frozen=True):
     """Command `MAV_CMD_DO_SET_MODE` to send in this tick."""
 
-    source: Source
-    flavour: Flavour
+    vehicle: Component
     duty: Duty
     confirmation: int
 
@@ -222,7 +223,7 @@ class OrphanKeeper:
         case.step = Step.ASKING
         case.sent += 1
         case.sent_s = now_s
-        return ModeChange(vehicle.source, vehicle.flavour, case.duty, min(case.sent - 1, 255))
+        return ModeChange(vehicle, case.duty, min(case.sent - 1, 255))
 
     def _close(self, drone: int, why: str) -> None:
         case = self._cases.pop(drone, None)
@@ -265,5 +266,4 @@ def _answer(vehicle: Component, case: _Case) -> str:
     )
     if acknowledged is None or not is_ours:
         return "no answer"
-    result = mavlink.enums["MAV_RESULT"].get(acknowledged.result)
-    return str(result.name).removeprefix("MAV_RESULT_").lower() if result else str(acknowledged.result)
+    return result_name(acknowledged.result)

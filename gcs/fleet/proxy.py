@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import msgspec
 
-from flightstack.autopilot.modes import Duty
+from flightstack.mavlink.modes import Duty
+from flightstack.mavlink.vehicle_state import HEARTBEAT_LOST_S
 from flightstack.swarm.wire import Command, CommandName, CommandOutcome, Result
 from gcs.fleet.orphans import OrphanKeeper
 from gcs.fleet.vehicles import Component
-from gcs.fleet.view import HEARTBEAT_LOST_S, FleetView
+from gcs.fleet.view import FleetView
 
 DUTIES = {
     CommandName.ABORT: Duty.RETURN,

@@ -9,10 +9,12 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterable, Iterator
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import msgspec
 
+from flightstack.mavlink.codec import MavlinkMessage
+from flightstack.mavlink.vehicle_state import HEARTBEAT_LOST_S, Role
 from flightstack.swarm import topics
 from flightstack.swarm.admission import Admission, Fault, Message, Refusal
 from flightstack.swarm.wire import (
@@ -26,12 +28,10 @@ from flightstack.swarm.wire import (
 )
 from flightstack.transport import Received
 from gcs.fleet.agents import HeardAgent
-from gcs.fleet.vehicles import Component, Role, Vehicles
+from gcs.fleet.vehicles import Component, Vehicles
 from mission.geometry.frames import LocalFrame, Vector3
 
 Health: TypeAlias = Literal["live", "silent", "never"]
-HEARTBEAT_LOST_S = 5.0
-"""Five missed heartbeats."""
 _EVENTS_KEPT = 50
 _COMMANDS_KEPT = 64
 
@@ -152,7 +152,7 @@ class FleetView:
 
     # -- messages ------------------------------------------------------------------------------------------
 
-    def receive_mavlink(self, now_s: float, link: int, message: Any) -> Component:
+    def receive_mavlink(self, now_s: float, link: int, message: MavlinkMessage) -> Component:
         component = self.vehicles.receive(now_s, link, message)
         agent = self.agents.get(component.source.system)
         if agent is not None and component.role is Role.AUTOPILOT and not component.armed:

@@ -15,8 +15,8 @@ import time
 from collections.abc import AsyncIterator, Awaitable, Sequence
 from typing import Any, TypeVar
 
-from flightstack.autopilot.modes import Flavour
 from flightstack.mavlink.link import open_link
+from flightstack.mavlink.modes import Flavour
 from gcs.errors import GroundError
 from gcs.plans.mission_items import (
     FenceAction,

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import msgspec
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flightstack.autopilot.modes import Flavour
+from flightstack.mavlink.modes import Flavour
 from mission.documents.plan_file import Plan, PlanItem
 from mission.geometry.frames import Geodetic
 from mission.geometry.geofence import Circle, Geofence, Vertex

@@ -101,6 +101,8 @@ class LocalFence:
         shapely.prepare(self.area)
         shapely.prepare(self._edge)
         self._shrunk: dict[float, BaseGeometry] = {}
+        self._measured: tuple[float, float, float] | None = None
+        """Where (north, east, m) the clearance was measured last, and what it was."""
 
     def contains(self, north_m: float, east_m: float) -> bool:
         """Whether the point is allowed; the fence line itself is."""
@@ -108,12 +110,30 @@ class LocalFence:
 
     def clearance_m(self, north_m: float, east_m: float) -> float:
         """Distance to the nearest fence line: positive where flying is allowed, negative where it is not."""
-        distance_m = float(shapely.distance(self._edge, shapely.Point(north_m, east_m)))
-        return distance_m if self.contains(north_m, east_m) else -distance_m
+        if self._measured is not None and self._measured[:2] == (north_m, east_m):
+            return self._measured[2]
+        clearance_m = float(shapely.distance(self._edge, shapely.points(north_m, east_m)))
+        if not self.contains(north_m, east_m):
+            clearance_m = -clearance_m
+        self._measured = (north_m, east_m, clearance_m)
+        return clearance_m
+
+    def keeps(self, north_m: float, east_m: float, least_m: float) -> bool:
+        """Whether the clearance is `least_m` or more.
+
+        The clearance changes by no more than one moves: far from every fence line the last measurement, made a
+        little way off, answers for many ticks.
+        """
+        if self._measured is not None:
+            north_then_m, east_then_m, clearance_m = self._measured
+            moved_m = math.hypot(north_m - north_then_m, east_m - east_then_m)
+            if clearance_m - moved_m - _ROUNDING_M >= least_m:
+                return True
+        return self.clearance_m(north_m, east_m) >= least_m
 
     def nearest_edge_point(self, north_m: float, east_m: float) -> LocalPoint:
         """The point of the fence lines that is nearest. A guard takes the velocity towards it away."""
-        line = shapely.shortest_line(self._edge, shapely.Point(north_m, east_m))
+        line = shapely.shortest_line(self._edge, shapely.points(north_m, east_m))
         north_edge_m, east_edge_m = shapely.get_coordinates(line)[0]
         return float(north_edge_m), float(east_edge_m)
 
@@ -129,7 +149,7 @@ class LocalFence:
             return float(north_best_m), float(east_best_m)
         if shapely.intersects_xy(room, north_m, east_m):
             return north_m, east_m
-        line = shapely.shortest_line(room, shapely.Point(north_m, east_m))
+        line = shapely.shortest_line(room, shapely.points(north_m, east_m))
         north_near_m, east_near_m = shapely.get_coordinates(line)[0]
         return float(north_near_m), float(east_near_m)
 

@@ -9,11 +9,11 @@ saturation and repetition ends in a verdict with its reason.
 from __future__ import annotations
 
 import collections
-import dataclasses
 import math
 from collections.abc import Sequence
 from typing import Final
 
+import msgspec
 import numpy as np
 
 from sensors.filters.co2_bank import Snapshot, TwoModes
@@ -23,7 +23,6 @@ from sensors.filters.co2_model import (
     RATE,
     READING,
     STATES,
-    Array,
     Co2FilterConfig,
     Co2Model,
 )
@@ -38,8 +37,7 @@ _CLEAN_HOLD_S: Final = 20.0
 _CLEAN_TIME_S: Final = 60.0
 
 
-@dataclasses.dataclass(frozen=True)
-class Co2Estimate:
+class Co2Estimate(msgspec.Struct, frozen=True):
     excess_co2_ppm: float
     """Over the background, at the inlet, now: the instrument's lag is undone."""
     variance_ppm2: float
@@ -55,8 +53,7 @@ class Co2Estimate:
     """The newest valid raw reading."""
 
 
-@dataclasses.dataclass(frozen=True)
-class _Step:
+class _Step(msgspec.Struct, frozen=True):
     """One update as it was made, so that a late reading can be put before it."""
 
     time_s: float
@@ -75,7 +72,7 @@ class Co2Filter:
     def __init__(self, config: Co2FilterConfig | None = None) -> None:
         self.config = config or Co2FilterConfig()
         self._model = Co2Model(self.config)
-        self._bank = TwoModes(self.config.calm_time_s, self.config.plume_time_s)
+        self._bank = TwoModes(self._model)
         self._now_s: float | None = None
         self._time_s: float | None = None
         """Time of the filter's state; None: it has none."""
@@ -169,8 +166,8 @@ class Co2Filter:
         self._learn_background(time_s)
         if time_s >= self._clean_until_s:
             self._too_high = False
-            variance = float(self._bank.p[BACKGROUND, BACKGROUND])
-            self._background = (float(self._bank.x[BACKGROUND]), variance, time_s)
+            variance = self._bank.p[BACKGROUND][BACKGROUND]
+            self._background = (self._bank.x[BACKGROUND], variance, time_s)
 
     def _begin(self, time_s: float, value_ppm: float) -> None:
         """Start with this reading; the background is kept from before, given, or taken from it."""
@@ -215,10 +212,8 @@ class Co2Filter:
         inside a plume. No correction of the filter's state is enough then; the lag would make swings of it.
         """
         x, p = self._bank.x, self._bank.p
-        variance = self.config.reading_variance_ppm2(value_ppm) + max(float(p[BACKGROUND, BACKGROUND]), 0.0)
-        least_ppm = float(x[BACKGROUND]) - self.config.gate_sd * (
-            math.sqrt(variance) + self.config.clean_sd_ppm
-        )
+        variance = self.config.reading_variance_ppm2(value_ppm) + max(p[BACKGROUND][BACKGROUND], 0.0)
+        least_ppm = x[BACKGROUND] - self.config.gate_sd * (math.sqrt(variance) + self.config.clean_sd_ppm)
         before_s, self._below_s = self._below_s, time_s if value_ppm < least_ppm else -math.inf
         return self._below_s - before_s <= self.config.lost_s
 
@@ -252,7 +247,7 @@ class Co2Filter:
     def _reading_variance(self, value_ppm: float) -> float:
         """Of the next reading, as steep as the instrument's response is now."""
         x = self._bank.x
-        slope_ppmps = float(x[EXCESS] + x[BACKGROUND] - x[READING]) / self.config.lag_s
+        slope_ppmps = (x[EXCESS] + x[BACKGROUND] - x[READING]) / self.config.lag_s
         return self.config.reading_variance_ppm2(value_ppm, slope_ppmps)
 
     def _confirmed(self, time_s: float, innovation_ppm: float) -> bool:
@@ -319,7 +314,7 @@ class Co2Filter:
         if time_s < self._time_s:
             return
         self._predict_to(time_s)
-        if float(self._bank.x[READING]) < limit_ppm:
+        if self._bank.x[READING] < limit_ppm:
             self._correct(limit_ppm, (0.02 * limit_ppm) ** 2)
         self._saturated_s = self._news_s = self._heard_s = time_s
 
@@ -333,9 +328,9 @@ class Co2Filter:
         if 0.0 <= since_s < _CLEAN_PERIOD_S:
             return
         x, p = self._bank.x, self._bank.p
-        excess_ppm, excess_sd = float(x[EXCESS]), math.sqrt(max(float(p[EXCESS, EXCESS]), 0.0))
-        allowance_ppm = 2.0 * (math.sqrt(max(float(p[BACKGROUND, BACKGROUND]), 0.0)) + config.clean_sd_ppm)
-        calm = abs(float(x[RATE])) < 3.0 * config.rate_floor_ppmps
+        excess_ppm, excess_sd = x[EXCESS], math.sqrt(max(p[EXCESS][EXCESS], 0.0))
+        allowance_ppm = 2.0 * (math.sqrt(max(p[BACKGROUND][BACKGROUND], 0.0)) + config.clean_sd_ppm)
+        calm = abs(x[RATE]) < 3.0 * config.rate_floor_ppmps
         if not (calm and abs(excess_ppm) < allowance_ppm):
             self._clean_since_s = None
         elif self._clean_since_s is None:
@@ -360,22 +355,18 @@ class Co2Filter:
 
     # -- time and output -----------------------------------------------------------------------------------
 
-    def _ahead(self, time_s: float) -> tuple[float, Array, Array, Array]:
-        """Time, transition matrix and both process noises from the state's time to `time_s`."""
-        assert self._time_s is not None  # noqa: S101
-        config = self.config
-        dt_s = max(time_s - self._time_s, 0.0)
-        transition, rate_noise, background_noise = self._model.step(dt_s)
-        x = self._bank.x
-        # A plume's edges are as steep as its core is high, and where it is steep it goes on being so.
-        scale_ppmps = config.rate_per_s * max(float(x[EXCESS]), 0.0)
-        plume_var = config.plume_rate_ppmps**2 + scale_ppmps**2 + float(x[RATE]) ** 2
-        calm = rate_noise * config.rate_floor_ppmps**2 + background_noise
-        return dt_s, transition, calm, rate_noise * plume_var + background_noise
+    def _plume_rate_variance(self) -> float:
+        """Of the concentration's rate in a plume, (ppm/s)^2.
+
+        A plume's edges are as steep as its core is high, and where it is steep it goes on being so.
+        """
+        config, x = self.config, self._bank.x
+        scale_ppmps = config.rate_per_s * max(x[EXCESS], 0.0)
+        return config.plume_rate_ppmps**2 + scale_ppmps**2 + x[RATE] ** 2
 
     def _predict_to(self, time_s: float) -> None:
         if self._time_s is not None and time_s > self._time_s:
-            self._bank.predict(*self._ahead(time_s))
+            self._bank.predict(time_s - self._time_s, self._plume_rate_variance())
             self._time_s = time_s
 
     def _restart(self) -> None:
@@ -391,17 +382,25 @@ class Co2Filter:
         if self._time_s is None:
             return None
         x, p = self._bank.x, self._bank.p
+        excess_ppm, rate_ppmps, excess_var = x[EXCESS], x[RATE], p[EXCESS][EXCESS]
+        background_var = p[BACKGROUND][BACKGROUND]
         if now_s - self._time_s > 5e-4:
-            _, transition, calm, plume = self._ahead(now_s)
-            chance = self._bank.plume_chance
-            x, p = transition @ x, transition @ p @ transition.T + calm + chance * (plume - calm)
+            # The mixture carried on to now, as far as it is told: excess by its rate, everything else stays.
+            ahead, chance = self._model.ahead(now_s - self._time_s), self._bank.plume_chance
+            floor_var = self.config.rate_floor_ppmps**2
+            rate_var = floor_var + chance * (self._plume_rate_variance() - floor_var)
+            excess_ppm += ahead.coast_s * rate_ppmps
+            excess_var += ahead.coast_s * (2.0 * p[EXCESS][RATE] + ahead.coast_s * p[RATE][RATE])
+            excess_var += ahead.excess_noise * rate_var
+            background_var += ahead.background_noise
+            rate_ppmps *= ahead.rate_kept
         health, reason = self._told
         return Co2Estimate(
-            excess_co2_ppm=float(x[EXCESS]),
-            variance_ppm2=float(p[EXCESS, EXCESS]),
-            rate_ppmps=float(x[RATE]),
-            background_co2_ppm=float(x[BACKGROUND]),
-            background_variance_ppm2=float(p[BACKGROUND, BACKGROUND]),
+            excess_co2_ppm=excess_ppm,
+            variance_ppm2=excess_var,
+            rate_ppmps=rate_ppmps,
+            background_co2_ppm=x[BACKGROUND],
+            background_variance_ppm2=background_var,
             age_s=now_s - self._news_s,
             health=health,
             reason=reason,
@@ -421,23 +420,20 @@ class Co2Filter:
         same_s = self._heard_s - self._same_since_s
         if same_s > config.stuck_s and not trouble:
             return Health.BAD, f"stuck at {self._raw_ppm:g} ppm for {same_s:.0f} s"
-        silent = trouble or (f"no reading for {now_s - self._heard_s:.1f} s")
         if now_s - self._heard_s > config.lost_s:
-            return Health.BAD, silent
+            return Health.BAD, trouble or self._silence(now_s)
         if age_s > config.fresh_s:
-            return (
-                Health.DEGRADED,
-                f"the same reading for {same_s:.1f} s" if same_s > config.fresh_s else silent,
-            )
+            if same_s > config.fresh_s:
+                return Health.DEGRADED, f"the same reading for {same_s:.1f} s"
+            return Health.DEGRADED, trouble or self._silence(now_s)
+        if now_s - self._saturated_s <= config.fresh_s:
+            return Health.DEGRADED, trouble or "saturated"
+        if now_s < self._clean_until_s:
+            return Health.DEGRADED, f"learning the background until {config.clean_start_s:g} s of clean air"
         wild = self._verdicts.count(False)
-        for amiss, reason in (
-            (now_s - self._saturated_s <= config.fresh_s, trouble or "saturated"),
-            (
-                now_s < self._clean_until_s,
-                f"learning the background until {config.clean_start_s:g} s of clean air",
-            ),
-            (wild > _WILD_MOST, f"{wild} of the last {len(self._verdicts)} readings wild"),
-        ):
-            if amiss:
-                return Health.DEGRADED, reason
+        if wild > _WILD_MOST:
+            return Health.DEGRADED, f"{wild} of the last {len(self._verdicts)} readings wild"
         return Health.GOOD, ""
+
+    def _silence(self, now_s: float) -> str:
+        return f"no reading for {now_s - self._heard_s:.1f} s"

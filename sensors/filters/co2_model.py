@@ -13,7 +13,7 @@ to discrete time is van Loan's (IEEE Trans. AC-23(3), 1978).
 from __future__ import annotations
 
 import math
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import msgspec
 import numpy as np
@@ -26,6 +26,10 @@ RATE: Final = 1
 BACKGROUND: Final = 2
 READING: Final = 3
 STATES: Final = 4
+
+CALM: Final = slice(0, STATES)
+PLUME: Final = slice(STATES, 2 * STATES)
+"""Where each of the two filters has its states (`sensors.filters.co2_bank`)."""
 
 
 class Co2FilterConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -106,12 +110,29 @@ class Co2FilterConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
         )
 
 
-class Co2Model:
-    """Transition matrices of the state over any time, kept for the steps that recur.
+class Ahead(NamedTuple):
+    """A step in time of both filters' states, calm air's first (8 x 8, block diagonal), and what it adds of noise.
 
-    The process noise is `rate_variance * rate_noise + background_noise`, so that the filter can follow how
-    lively the air is without a new exponential of a matrix every tick.
+    The noise is `noise + plume_rate_variance * plume_rate_noise`, so that the filter can follow how lively the air
+    is without a new exponential of a matrix every tick.
     """
+
+    transition: Array
+    noise: Array
+    """Of calm air whole, of a plume what its rate does not add."""
+    plume_rate_noise: Array
+    coast_s: float
+    """What the excess gains per rate."""
+    rate_kept: float
+    """Share of the rate that is left."""
+    excess_noise: float
+    """What a rate of variance 1 adds to the excess' variance."""
+    background_noise: float
+    """What the background's variance grows by."""
+
+
+class Co2Model:
+    """Transition matrices of the state over any time, kept for the steps that recur."""
 
     def __init__(self, config: Co2FilterConfig) -> None:
         self.config = config
@@ -119,10 +140,10 @@ class Co2Model:
         self._a[EXCESS, RATE] = 1.0
         self._a[RATE, RATE] = -1.0 / config.rate_time_s
         self._a[READING, [EXCESS, BACKGROUND, READING]] = np.array([1.0, 1.0, -1.0]) / config.lag_s
-        self._kept: dict[int, tuple[Array, Array, Array]] = {}
+        self._kept: dict[int, Ahead] = {}
 
-    def step(self, dt_s: float) -> tuple[Array, Array, Array]:
-        """Transition matrix over `dt_s` (to the millisecond), and the two process noises (see the class)."""
+    def ahead(self, dt_s: float) -> Ahead:
+        """The step over `dt_s`, to the millisecond."""
         key = round(dt_s * 1000.0)
         found = self._kept.get(key)
         if found is None:
@@ -131,7 +152,7 @@ class Co2Model:
             found = self._kept[key] = self._discrete(key / 1000.0)
         return found
 
-    def _discrete(self, dt_s: float) -> tuple[Array, Array, Array]:
+    def _discrete(self, dt_s: float) -> Ahead:
         # Imported late: it costs a second and 95 MB, and only a process that filters shall pay.
         from filterpy.common import van_loan_discretization
 
@@ -149,7 +170,23 @@ class Co2Model:
             rate_noise = transition @ rate_noise @ transition.T + rate_noise
             background_noise = transition @ background_noise @ transition.T + background_noise
             transition = transition @ transition
-        return transition, _symmetric(rate_noise), _symmetric(background_noise)
+        rate_noise, background_noise = _symmetric(rate_noise), _symmetric(background_noise)
+        calm_noise = rate_noise * config.rate_floor_ppmps**2 + background_noise
+        return Ahead(
+            _both(transition, transition),
+            _both(calm_noise, background_noise),
+            _both(np.zeros((STATES, STATES)), rate_noise),
+            coast_s=float(transition[EXCESS, RATE]),
+            rate_kept=float(transition[RATE, RATE]),
+            excess_noise=float(rate_noise[EXCESS, EXCESS]),
+            background_noise=float(background_noise[BACKGROUND, BACKGROUND]),
+        )
+
+
+def _both(calm: Array, plume: Array) -> Array:
+    both = np.zeros((2 * STATES, 2 * STATES))
+    both[CALM, CALM], both[PLUME, PLUME] = calm, plume
+    return both
 
 
 def _symmetric(matrix: Any) -> Array:

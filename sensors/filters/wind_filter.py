@@ -15,7 +15,6 @@ axis, the simplest form of Dryden's, MIL-F-8785C section 3.7.2). Every source ha
 from __future__ import annotations
 
 import collections
-import dataclasses
 import math
 from collections.abc import Sequence
 from typing import Final
@@ -41,8 +40,7 @@ _TILT_MEMORY: Final = 60.0
 """Windows over which the tilt's lasting errors stay the same, at the least."""
 
 
-@dataclasses.dataclass(frozen=True)
-class WindEstimate:
+class WindEstimate(msgspec.Struct, frozen=True):
     wind_ned_mps: Vector3
     """Where the air goes at the vehicle, now."""
     covariance_m2ps2: tuple[Vector3, Vector3, Vector3]
@@ -269,16 +267,17 @@ class WindFilter:
         self._told = self._judge(now_s, sources)
         if not self._heard_s:
             return None
-        x = self._kf.x
-        covariance = self._kf.P[:3, :3] + self._kf.P[3:, 3:] + self._kf.P[:3, 3:] + self._kf.P[3:, :3]
+        # Mean wind plus gust, in plain numbers: six by six is too few for arrays.
+        mean_north, mean_east, mean_down, north, east, down = self._kf.x.tolist()
         lasting = self._lasting_variance(sources)
-        covariance.flat[::4] += lasting
-        north, east, down = (x[:3] + x[3:]).tolist()
-        mean_north, mean_east, mean_down = x[:3].tolist()
-        rows = covariance.tolist()
+        p = self._kf.P.tolist()
+        rows = [
+            [p[i][j] + p[i + 3][j + 3] + p[i][j + 3] + p[i + 3][j] + lasting * (i == j) for j in range(3)]
+            for i in range(3)
+        ]
         health, reason = self._told
         return WindEstimate(
-            wind_ned_mps=(north, east, down),
+            wind_ned_mps=(mean_north + north, mean_east + east, mean_down + down),
             covariance_m2ps2=(tuple(rows[0]), tuple(rows[1]), tuple(rows[2])),
             variance_m2ps2=0.5 * (rows[0][0] + rows[1][1]),
             mean_wind_ned_mps=(mean_north, mean_east, mean_down),

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import io
 import os
-import queue
-import threading
+import select
+import sys
 import urllib.parse
 from collections.abc import Callable
 from typing import Any, Final
@@ -13,6 +15,14 @@ from typing import Any, Final
 import serial
 
 from sensors.instruments.sensor_error import SensorError
+from sensors.serial.background_opening import BackgroundOpening
+
+_OPEN_ERRORS: tuple[type[Exception], ...] = (serial.SerialException, OSError, ValueError)
+"""What pyserial lets through."""
+if sys.platform != "win32":
+    import termios
+
+    _OPEN_ERRORS += (termios.error,)
 
 RETRY_FIRST_S: Final = 0.5
 RETRY_LONGEST_S: Final = 5.0
@@ -35,21 +45,28 @@ class PortEvent:
 class InstrumentPort:
     """A serial port (or anything else that pyserial's `serial_for_url` opens) that may come and go.
 
-    No call waits. Opening takes seconds on some devices, and closing sleeps in pyserial, so both happen in a
-    thread that lives only as long as that one call; reading and writing do not block and stay in the caller's
-    thread. A port that cannot be opened is tried again after 0.5 s, 1 s, 2 s, … at most 5 s, in the time of
-    `now_s`, which may run faster than the wall's.
+    No call waits, `close` excepted: opening and closing are done in the background, reading and writing do not
+    block. A port that cannot be opened is tried again after 0.5 s, 1 s, 2 s, … at most 5 s, in the time of `now_s`,
+    which may run faster than the wall's.
     """
 
-    def __init__(self, port: str, baud: int, now_s: Callable[[], float]) -> None:
-        """`SensorError` as `check_port` says."""
+    def __init__(
+        self,
+        port: str,
+        baud: int,
+        now_s: Callable[[], float],
+        open_port: Callable[[str, int], serial.SerialBase] | None = None,
+    ) -> None:
+        """`SensorError` as `check_port` says. `open_port` opens (port, baud) and may block; by default pyserial."""
         check_port(port, baud)
         self.port = port
         self.baud = baud
         self._now_s = now_s
         self._serial: serial.SerialBase | None = None
-        self._opening: threading.Thread | None = None
-        self._opened: queue.SimpleQueue[serial.SerialBase | Exception] = queue.SimpleQueue()
+        opens = open_port or _open
+        self._opening: BackgroundOpening[serial.SerialBase] = BackgroundOpening(
+            port, lambda: opens(port, baud), _close, _OPEN_ERRORS
+        )
         self._retry_s = RETRY_FIRST_S
         self._try_at_s = now_s()
         self._events: list[PortEvent] = []
@@ -76,6 +93,8 @@ class InstrumentPort:
         if self._serial is None or not data:
             return
         try:
+            if _is_full(self._serial):
+                raise serial.SerialTimeoutException("Write timeout")
             sent = self._serial.write(data)
         except serial.SerialTimeoutException as error:
             self._timeouts += 1
@@ -95,51 +114,33 @@ class InstrumentPort:
         return events
 
     def close(self) -> None:
-        """Close for good, and wait until it is done."""
+        """Close for good, and wait until it is done, or 2 s where a device blocks."""
         self._closed = True
-        opening, self._opening = self._opening, None
-        if opening is not None:
-            opening.join()
-        while not self._opened.empty():
-            outcome = self._opened.get()
-            if isinstance(outcome, serial.SerialBase):
-                _close(outcome)
         port, self._serial = self._serial, None
         if port is not None:
-            _close(port)
+            self._opening.give_back(port)
+        self._opening.end()
 
     def _connect(self) -> None:
         if self._serial is not None or self._closed:
             return
+        outcome = self._opening.result()
         now_s = self._now_s()
-        if self._opening is not None:
-            if self._opened.empty():
-                return
-            outcome = self._opened.get()
-            self._opening.join()
-            self._opening = None
-            if isinstance(outcome, Exception):
-                self._fail(outcome)
-            else:
-                self._serial = outcome
-                self._timeouts = 0
-                self._retry_s = RETRY_FIRST_S
-                self._events.append(PortEvent(now_s, True))
+        if isinstance(outcome, Exception):
+            self._fail(outcome)
+        elif outcome is not None:
+            self._serial = outcome
+            self._timeouts = 0
+            self._retry_s = RETRY_FIRST_S
+            self._events.append(PortEvent(now_s, True))
         elif now_s >= self._try_at_s or self._try_at_s - now_s > RETRY_LONGEST_S:
             # The second condition: the clock was set back, and the time to try again is out of reach.
-            self._opening = threading.Thread(target=self._open, name=f"open {self.port}", daemon=True)
-            self._opening.start()
-
-    def _open(self) -> None:
-        try:
-            self._opened.put(_open(self.port, self.baud))
-        except (serial.SerialException, OSError, ValueError) as error:
-            self._opened.put(error)
+            self._opening.begin()
 
     def _lose(self, error: Exception) -> None:
         port, self._serial = self._serial, None
         if port is not None:
-            threading.Thread(target=_close, args=(port,), name=f"close {self.port}", daemon=True).start()
+            self._opening.give_back(port)
         self._fail(error)
 
     def _fail(self, error: Exception) -> None:
@@ -191,6 +192,15 @@ def _open(port: str, baud: int) -> serial.SerialBase:
     if os.name == "posix" and "://" not in port:
         options["exclusive"] = True  # two readers of one port would each get half of every line
     return serial.serial_for_url(port, **options)
+
+
+def _is_full(port: serial.SerialBase) -> bool:
+    """Whether a write would have to wait, as far as the port can tell."""
+    with contextlib.suppress(AttributeError, io.UnsupportedOperation):
+        poll = select.poll()
+        poll.register(port.fileno(), select.POLLOUT)
+        return not poll.poll(0)
+    return False
 
 
 def _close(port: serial.SerialBase) -> None:

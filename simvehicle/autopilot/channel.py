@@ -7,9 +7,12 @@ one link to another.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from flightstack.mavlink.codec import MavlinkCodec
 
 
 class ChannelPeer(NamedTuple):
@@ -18,6 +21,10 @@ class ChannelPeer(NamedTuple):
     link: int
     system: int
     component: int
+
+
+Handler = Callable[["Channel", ChannelPeer, Any], None]
+"""Takes a message that came in on a channel from a peer."""
 
 
 @dataclasses.dataclass(slots=True)
@@ -31,7 +38,8 @@ class Channel:
 
     def __init__(self, link: int, system: int) -> None:
         self.link = link
-        self._codec: Any = mavlink.MAVLink(None, srcSystem=system, srcComponent=1)
+        self._sender = MavlinkCodec(system, 1)
+        self._codec: Any = mavlink.MAVLink(None)
         self._codec.robust_parsing = True
         self._out: list[bytes] = []
         self.streams: dict[int, Stream] = {}
@@ -45,9 +53,7 @@ class Channel:
         return [m for m in messages if m.get_type() != "BAD_DATA" and not m.get_type().startswith("UNKNOWN_")]
 
     def send(self, message: Any) -> None:
-        codec = self._codec
-        self._out.append(bytes(message.pack(codec)))
-        codec.seq = (codec.seq + 1) % 256
+        self._out.append(self._sender.encode(message))
 
     def forward(self, message: Any) -> None:
         """Pass on another component's message as it came."""

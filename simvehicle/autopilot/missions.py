@@ -7,7 +7,7 @@ upload leaves the old list alone, and in what they make of the items; `ListRules
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -33,6 +33,10 @@ class StoredItem:
     y: int
     z: float
     autocontinue: int = 1
+
+
+def empty_lists() -> dict[int, list[StoredItem]]:
+    return {MISSION: [], FENCE: [], RALLY: []}
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -64,10 +68,13 @@ class _Upload:
 class MissionServer:
     """All uploads and downloads of one vehicle. Messages come in by `receive`, time by `step`."""
 
-    def __init__(self, rules: ListRules, channels: list[Channel]) -> None:
+    def __init__(
+        self, rules: ListRules, channels: Sequence[Channel], lists: dict[int, list[StoredItem]]
+    ) -> None:
+        """`lists`: what is kept, by kind; it changes in place."""
         self._rules = rules
         self._channels = channels
-        self.lists: dict[int, list[StoredItem]] = {MISSION: [], FENCE: [], RALLY: []}
+        self.lists = lists
         self._uploads: dict[int, _Upload] = {}
         self._handlers = {
             "MISSION_COUNT": self._count,

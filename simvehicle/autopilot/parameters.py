@@ -6,15 +6,16 @@ it, ArduPilot casts it to a float.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from simvehicle.autopilot import parameter_tables
-from simvehicle.autopilot.channel import Channel
+from simvehicle.autopilot.channel import Channel, ChannelPeer, Handler
 
 _TYPES = {
     "I8": (mavlink.MAV_PARAM_TYPE_INT8, -(2**7), 2**7 - 1),
@@ -22,7 +23,8 @@ _TYPES = {
     "I32": (mavlink.MAV_PARAM_TYPE_INT32, -(2**31), 2**31 - 1),
     "F32": (mavlink.MAV_PARAM_TYPE_REAL32, -math.inf, math.inf),
 }
-_TABLES = {"ardupilot": parameter_tables.ARDUPILOT, "px4": parameter_tables.PX4}
+_TABLES = {"ardupilot": (parameter_tables.ARDUPILOT, False), "px4": (parameter_tables.PX4, True)}
+"""By flavour: the parameters, and whether integers travel byte by byte."""
 UNASKED = 65535
 """param_index of a PARAM_VALUE that answers no request for an index."""
 
@@ -35,11 +37,10 @@ class Parameters:
     """One vehicle's parameters by name; numbers are kept as floats that fit the declared type."""
 
     def __init__(self, flavour: Literal["ardupilot", "px4"], overrides: Mapping[str, float]) -> None:
-        self.flavour = flavour
-        self._bytewise = flavour == "px4"
+        table, self._bytewise = _TABLES[flavour]
         self._types: dict[str, tuple[int, float, float]] = {}
         self._values: dict[str, float] = {}
-        for entry in _TABLES[flavour].split():
+        for entry in table.split():
             name, _, rest = entry.partition("=")
             number, _, kind = rest.partition(":")
             self._types[name] = _TYPES[kind]
@@ -91,39 +92,87 @@ class Parameters:
         )
 
 
+@dataclasses.dataclass(frozen=True, slots=True)
+class ParameterStyle:
+    """How an autopilot answers about its parameters."""
+
+    named_index: int | None
+    """param_index of an answer by name; None: the parameter's own."""
+    unknown: Callable[[Channel, ChannelPeer, str], None]
+    """Somebody asked for a name ("#17": an index) that does not exist."""
+    list_requested: Callable[[], None]
+
+
 class ParameterServer:
-    """Answers PARAM_REQUEST_READ and _LIST; a list goes out some per step, so as not to flood a link."""
+    """Answers PARAM_REQUEST_READ, _LIST and PARAM_SET; a list goes out some per step, so as not to flood a link."""
 
     PER_STEP = 20
 
-    def __init__(self, parameters: Parameters) -> None:
-        self.parameters = parameters
+    def __init__(
+        self,
+        parameters: Parameters,
+        style: ParameterStyle,
+        channels: Sequence[Channel],
+        changed: Callable[[str], None],
+    ) -> None:
+        """`changed`: called with the name of a parameter that somebody set."""
+        self._parameters = parameters
+        self._style = style
+        self._channels = channels
+        self._changed = changed
         self._sending: dict[int, int] = {}
         """Link -> index of the next parameter of the list that it asked for."""
 
-    def request_list(self, channel: Channel) -> None:
-        self._sending[channel.link] = 0
+    def handlers(self) -> dict[str, Handler]:
+        return {
+            "PARAM_REQUEST_LIST": self._request_list,
+            "PARAM_REQUEST_READ": self._request_read,
+            "PARAM_SET": self._set,
+        }
 
-    def request_read(self, channel: Channel, message: Any) -> str | None:
-        """Answer; or the name that does not exist."""
-        if message.param_index >= 0:
-            if message.param_index >= len(self.parameters.names):
-                return f"#{message.param_index}"
-            channel.send(self.parameters.message(self.parameters.names[message.param_index]))
-            return None
-        name = str(message.param_id)
-        if name not in self.parameters:
-            return name
-        index = None if self.parameters.flavour == "px4" else UNASKED
-        channel.send(self.parameters.message(name, index))
-        return None
+    def set(self, name: str, value: float) -> None:
+        """Set a parameter that exists, as by a message."""
+        self._parameters.set(name, value)
+        self._changed(name)
 
-    def step(self, channels: list[Channel]) -> None:
+    def step(self) -> None:
+        if not self._sending:
+            return
         for link, first in list(self._sending.items()):
-            names = self.parameters.names[first : first + self.PER_STEP]
+            names = self._parameters.names[first : first + self.PER_STEP]
             for name in names:
-                channels[link].send(self.parameters.message(name))
-            if first + len(names) >= len(self.parameters.names):
+                self._channels[link].send(self._parameters.message(name))
+            if first + len(names) >= len(self._parameters.names):
                 del self._sending[link]
             else:
                 self._sending[link] = first + len(names)
+
+    def _request_list(self, channel: Channel, _peer: ChannelPeer, _message: Any) -> None:
+        self._sending[channel.link] = 0
+        self._style.list_requested()
+
+    def _request_read(self, channel: Channel, peer: ChannelPeer, message: Any) -> None:
+        names = self._parameters.names
+        if message.param_index >= 0:
+            if message.param_index >= len(names):
+                self._style.unknown(channel, peer, f"#{message.param_index}")
+            else:
+                channel.send(self._parameters.message(names[message.param_index]))
+            return
+        name = str(message.param_id)
+        if name in self._parameters:
+            channel.send(self._parameters.message(name, self._style.named_index))
+        else:
+            self._style.unknown(channel, peer, name)
+
+    def _set(self, channel: Channel, peer: ChannelPeer, message: Any) -> None:
+        name = str(message.param_id)
+        if name not in self._parameters:
+            self._style.unknown(channel, peer, name)
+            return
+        value = self._parameters.decoded(name, message.param_value, message.param_type)
+        if value is not None:
+            self.set(name, value)
+        answer = self._parameters.message(name, self._style.named_index)
+        for each in self._channels:
+            each.send(answer)

@@ -13,10 +13,13 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from mission.geometry.frames import Geodetic, Vector3
 from simvehicle.autopilot.maneuvers import Navigation
 from simvehicle.vehicle.controller import Motion
-from simvehicle.vehicle.estimator import Estimator
+from simvehicle.vehicle.parts import MotionEstimate
 
 _YAW_IGNORE = mavlink.POSITION_TARGET_TYPEMASK_YAW_IGNORE
 _YAW_RATE_IGNORE = mavlink.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
+_HORIZONTAL_M, _DOWN_M, _ALL_M = 0b000011, 0b000100, 0b000111
+_HORIZONTAL_MPS, _DOWN_MPS, _ALL_MPS = 0b011000, 0b100000, 0b111000
+"""Bits of the type mask that ignore a position's and a velocity's axes."""
 _BODY = (mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_OFFSET_NED, mavlink.MAV_FRAME_BODY_FRD)
 _OFFSET = (mavlink.MAV_FRAME_LOCAL_OFFSET_NED, mavlink.MAV_FRAME_BODY_OFFSET_NED)
 _LOCAL = (mavlink.MAV_FRAME_LOCAL_NED, *_OFFSET, *_BODY)
@@ -30,7 +33,7 @@ _RELATIVE = (
 """The ground is flat here: above terrain is above home."""
 
 
-def position_of(message: Any, nav: Navigation, estimator: Estimator) -> Vector3 | None:
+def position_of(message: Any, nav: Navigation, estimator: MotionEstimate) -> Vector3 | None:
     """The target position in the local frame; None for a frame that is not supported."""
     frame = message.coordinate_frame
     if message.get_type() == "SET_POSITION_TARGET_GLOBAL_INT":
@@ -57,7 +60,7 @@ def global_position(
     longitude_deg: float,
     altitude_m: float,
     nav: Navigation,
-    estimator: Estimator,
+    estimator: MotionEstimate,
 ) -> Vector3 | None:
     """A point in one of the global frames; None where it is no point or the frame is not supported."""
     if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0 and math.isfinite(altitude_m)):
@@ -72,39 +75,35 @@ def global_position(
     return None
 
 
-def motion_of(message: Any, nav: Navigation, estimator: Estimator, *, per_axis: bool) -> Motion | None:
+def motion_of(message: Any, nav: Navigation, estimator: MotionEstimate, *, per_axis: bool) -> Motion | None:
     """What a setpoint wants; None where the frame or a number is not usable.
 
     With `per_axis` (PX4) height and horizontal may be given as position or velocity apart; otherwise (ArduPilot) one
     ignored axis ignores all three.
     """
     mask = message.type_mask
-    ignored_m, ignored_mps = (
-        [bool(mask & bit) for bit in (1, 2, 4)],
-        [bool(mask & bit) for bit in (8, 16, 32)],
-    )
     if not per_axis:
-        ignored_m, ignored_mps = [any(ignored_m)] * 3, [any(ignored_mps)] * 3
+        mask |= (_ALL_M if mask & _ALL_M else 0) | (_ALL_MPS if mask & _ALL_MPS else 0)
     motion = Motion(horizontal_mps=(0.0, 0.0), down_mps=0.0)
-    if not all(ignored_mps):
+    if mask & _ALL_MPS != _ALL_MPS:
         velocity = message.vx, message.vy, message.vz
         if message.coordinate_frame in _BODY:
             velocity = turned(velocity, nav.yaw_rad)
-        if not all(map(math.isfinite, velocity)):
+        if not math.isfinite(velocity[0] + velocity[1] + velocity[2]):
             return None
-        if not (ignored_mps[0] or ignored_mps[1]):
+        if not mask & _HORIZONTAL_MPS:
             motion.horizontal_mps = velocity[0], velocity[1]
-        if not ignored_mps[2]:
+        if not mask & _DOWN_MPS:
             motion.down_mps = velocity[2]
-    if not all(ignored_m):
+    if mask & _ALL_M != _ALL_M:
         position = position_of(message, nav, estimator)
         if position is None or not all(
-            math.isfinite(position[axis]) for axis in (0, 1, 2) if not ignored_m[axis]
+            math.isfinite(position[axis]) for axis in (0, 1, 2) if not mask & 1 << axis
         ):
             return None
-        if not (ignored_m[0] or ignored_m[1]):
+        if not mask & _HORIZONTAL_M:
             motion.horizontal_m = position[0], position[1]
-        if not ignored_m[2]:
+        if not mask & _DOWN_M:
             motion.down_m = position[2]
     if not mask & _YAW_IGNORE and math.isfinite(message.yaw):
         body = nav.yaw_rad if message.coordinate_frame in _BODY else 0.0

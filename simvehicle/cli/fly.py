@@ -8,12 +8,7 @@ from typing import Annotated
 import typer
 
 
-def register(app: typer.Typer) -> None:
-    """Add `fly` to the command line; what it needs is imported when it is used."""
-    app.command(name="fly")(_fly)
-
-
-def _fly(
+def fly(
     survey: Annotated[
         pathlib.Path, typer.Argument(help="The survey's YAML file, such as examples/survey.yaml.")
     ],
@@ -52,7 +47,7 @@ def _fly(
 
     from flightstack.transport import TransportError
     from mission.documents.yaml_file import DocumentError
-    from simvehicle.survey import fly
+    from simvehicle.survey import conduct
     from simvehicle.survey.survey_file import load, parse_fault, parse_kill
 
     try:
@@ -61,7 +56,7 @@ def _fly(
         loaded = load(survey, speedup=speedup, seed=seed, extra_faults=faults)
         for warning in loaded.warnings:
             typer.echo(f"warning: {warning}", err=True)
-        flown = fly.fly(loaded, out=out, kills=kills)
+        flown = conduct.fly(loaded, out=out, kills=kills)
     except (DocumentError, TransportError) as error:
         typer.echo(f"simvehicle: {error}", err=True)
         raise typer.Exit(2) from error
@@ -69,11 +64,11 @@ def _fly(
         typer.echo("simvehicle: ended at once; nothing was written about the flight", err=True)
         raise typer.Exit(1) from None
     if report:
-        typer.echo(f"report: {fly.write_report(loaded, flown)}", err=True)
+        typer.echo(f"report: {conduct.write_report(loaded, flown)}", err=True)
     if as_json:
         typer.echo(msgspec.json.encode(flown.summary).decode())
     else:
-        typer.echo(fly.words(flown.summary))
+        typer.echo(conduct.words(flown.summary))
     if flown.bad_input:
         raise typer.Exit(2)
     raise typer.Exit(0 if flown.summary.outcome == "source_found" else 1)

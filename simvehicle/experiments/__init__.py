@@ -1,1 +1,1 @@
-"""The LoCUS paper's four experiments: cells, tables, figures, and a verdict on every claim."""
+"""The papers' experiments: cells of trials, tables, figures, and a verdict on every claim."""

@@ -14,8 +14,8 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from mission.geometry.formation import FloatArray
+from simvehicle.compiled import compiled
 from simvehicle.trials.cell import Cell
-from simvehicle.trials.compiled import compiled
 from simvehicle.trials.flight import ORIGIN_X, ORIGIN_Y, Scene, read_at
 from simvehicle.trials.motion import ROW, TICKS_PER_S, X, Y
 from simvehicle.trials.outcome import RecordedTrial
@@ -169,3 +169,8 @@ def film(trial: RecordedTrial, cell: Cell, path: pathlib.Path) -> None:
                     writer.grab_frame()
         except OSError as error:
             raise TrialsError(f"{path}: {error.strerror or error}") from error
+
+
+def save(figure: Figure, path: pathlib.Path) -> None:
+    """Write a PNG of moderate size."""
+    figure.savefig(path, dpi=110)

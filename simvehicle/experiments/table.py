@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from simvehicle.experiments.experiment import Summary
 from simvehicle.experiments.statistics import wilson
 from simvehicle.trials.cell import Cell
 
@@ -24,12 +26,12 @@ def select(rows: pd.DataFrame, cell: Cell) -> pd.DataFrame:
     return rows[mine].sort_values("trial")
 
 
-def summarise(rows: pd.DataFrame, cell: Cell) -> dict[str, Any]:
+def summarise(rows: pd.DataFrame, cell: Cell) -> Summary:
     """The JSON row of a cell; times in seconds over the trials in which the event happened, None without any."""
     mine = select(rows, cell)
     successes, trials = int(mine["success"].sum()), len(mine)
     low, high = wilson(successes, trials)
-    summary: dict[str, Any] = {
+    summary: Summary = {
         "strategy": cell.strategy,
         "drones": cell.drones,
         "plume": cell.plume,
@@ -71,16 +73,16 @@ def columns(rows: pd.DataFrame, cell: Cell, name: str) -> np.ndarray:
     return values
 
 
-def markdown(summaries: list[dict[str, Any]]) -> str:
-    """The table for a person: minutes, as the paper gives them."""
-    by_rate = any("failure_rate" in summary for summary in summaries)
+def full(summaries: Sequence[Summary]) -> str:
+    """The table for a person, in Markdown: a row a cell, minutes as the paper gives them."""
+    rated = any("failure_rate" in summary for summary in summaries)
     head = ["strategy", "drones", "plume"]
-    head += ["healing", "failure rate"] if by_rate else []
+    head += ["healing", "failure rate"] if rated else []
     head += ["success", "95 %", "contact, min", "sd", "max flux, min", "median", "sd", "longest"]
     lines = ["| " + " | ".join(head) + " |", "| " + " | ".join("---" for _ in head) + " |"]
     for one in summaries:
         cells = [one["strategy"], str(one["drones"]), one["plume"]]
-        if by_rate:
+        if rated:
             cells += ["on" if one.get("healing") else "off", f"{one['failure_rate']:.0e}"]
         cells += [percent(one, "success_rate"), percent(one, "success_low", "success_high")]
         for name in ("contact_s_mean", "contact_s_sd", "source_s_mean"):
@@ -91,7 +93,28 @@ def markdown(summaries: list[dict[str, Any]]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def percent(summary: dict[str, Any], *names: str) -> str:
+def by_rate(summaries: Sequence[Summary]) -> str:
+    """Success by failure rate, in Markdown: a row a decade (a rate, where no decade was flown), a column a line."""
+    found: dict[str, dict[float, str]] = {}
+    sizes = {one["drones"] for one in summaries}
+    for one in summaries:
+        head = f"{one['plume']}: {one['strategy']}"
+        head += f" {one['drones']}" if len(sizes) > 1 else ""
+        head += "" if one["strategy"] == "mobs" else ", healing" if one["healing"] else ", no healing"
+        text = f"{percent(one, 'success_rate')} ({percent(one, 'success_low', 'success_high')})"
+        found.setdefault(head, {})[one["failure_rate"]] = text
+    lines = [
+        "| failure rate | " + " | ".join(found) + " |",
+        "| " + " | ".join("---" for _ in range(1 + len(found))) + " |",
+    ]
+    rates = sorted({rate for column in found.values() for rate in column})
+    for rate in [rate for rate in rates if f"{rate:.0e}".startswith("1e")] or rates:
+        cells = (column.get(rate, "-") for column in found.values())
+        lines.append(f"| {rate:.0e} | " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def percent(summary: Summary, *names: str) -> str:
     """Rates of a cell, as exact as its trials make them: 2997 of 3000 are not 100 %."""
     digits = 0 if summary["trials"] <= 100 else 1
     return "..".join(f"{100.0 * summary[name]:.{digits}f}" for name in names) + " %"

@@ -2,87 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
-import msgspec
 from msgspec import Meta
 
-from flightstack.config import Section
-from mission.geometry.frames import Geodetic, Vector3
+from simvehicle.drone.drone_spec import VehicleSpec
+from simvehicle.faults.fault_table import FaultSpec
+from simvehicle.world.world_config import WorldConfig
 
 FARTHEST_HOME_M = 50_000.0
 """A home farther from the origin than this is a slip of the pen, and too far for one tangent plane."""
 
 
-class WindConfig(Section, frozen=True, kw_only=True):
-    speed_mps: Annotated[float, Meta(ge=0.0, le=30.0)] = 3.0
-    from_deg: Annotated[float, Meta(ge=0.0, le=360.0)] = 90.0
-    """Where the mean wind comes from, degrees clockwise from north."""
-    gust_sd_mps: Annotated[float, Meta(ge=0.0)] = 0.3
-    gust_time_s: Annotated[float, Meta(ge=0.1)] = 5.0
-
-
-class GaussianPlume(Section, frozen=True, kw_only=True, tag="gaussian", tag_field="type"):
-    """The physical plume: stack height, reflection at the ground, spread growing downwind from a vent."""
-
-    source_north_m: float
-    source_east_m: float
-    source_above_home_m: Annotated[float, Meta(ge=0.0)] = 10.0
-    """Effective release height: the vent's height plus the plume's rise."""
-    emission_kgps: Annotated[float, Meta(gt=0.0)] = 1.0
-    vent_sd_m: Annotated[float, Meta(gt=0.0, le=1000.0)] = 4.0
-    """Standard deviation of the plume's cross-section at the vent."""
-
-
-class LocusGridPlume(Section, frozen=True, kw_only=True, tag="locus-grid", tag_field="type"):
-    """The plume of the LoCUS paper's experiments: a 200 m by 40 m grid of values in [0, 1], downwind to the north."""
-
-    source_north_m: float
-    source_east_m: float
-    perturbed: bool = False
-    peak_ppm: Annotated[float, Meta(gt=0.0)] = 1000.0
-    """What a value of 1 stands for."""
-
-
-class EmulatedInstrument(Section, frozen=True, kw_only=True):
-    name: str
-    type: str
-    port: str
-    """"HOST:PORT" of the TCP socket that the instrument's bytes come out of (agents open socket://HOST:PORT)."""
-
-
-class VehicleSpec(Section, frozen=True, kw_only=True):
-    id: Annotated[int, Meta(ge=1, le=250)]
-    flavour: Literal["ardupilot", "px4"] = "ardupilot"
-    home_north_m: float = 0.0
-    home_east_m: float = 0.0
-    links: Annotated[tuple[str, ...], Meta(min_length=1)]
-    """Each as pymavlink writes it, seen from the vehicle: "udpout:127.0.0.1:14541", "udpin:…", "tcpin:…"."""
-    instruments: tuple[EmulatedInstrument, ...] = ()
-    parameters: dict[str, float] = msgspec.field(default_factory=dict)
-    """Parameters that differ from the flavour's defaults."""
-
-
-class FaultSpec(Section, frozen=True, kw_only=True):
-    """Something that goes wrong, `at_s` seconds of simulated time after the first take-off."""
-
-    drone: int
-    at_s: Annotated[float, Meta(ge=0.0)]
-    kind: Literal["unplug", "gps_loss", "battery_low", "motor", "silence"]
-    """"unplug" needs `instrument`; "silence" stops the vehicle's MAVLink; "motor" makes it fall."""
-    instrument: str = ""
-    until_s: float | None = None
-    """When it mends itself; None: never."""
-
-
-class FleetConfig(Section, frozen=True, kw_only=True):
-    origin: Geodetic
+class FleetConfig(WorldConfig, frozen=True, kw_only=True):
     vehicles: Annotated[tuple[VehicleSpec, ...], Meta(min_length=1)]
-    wind: WindConfig = WindConfig()
-    plume: GaussianPlume | LocusGridPlume | None = None
-    background_co2_ppm: Annotated[float, Meta(ge=0.0)] = 420.0
     speedup: Annotated[float, Meta(gt=0.0, le=100.0)] = 1.0
-    seed: int = 0
     ready_after_s: Annotated[float, Meta(ge=0.0)] = 41.0
     """How long the autopilots need from power-up until they let themselves be armed."""
     faults: tuple[FaultSpec, ...] = ()
@@ -92,7 +26,3 @@ class FleetConfig(Section, frozen=True, kw_only=True):
     truth: str | None = None
     """A CSV file that gets every vehicle's true state ten times a (simulated) second: columns time_s, drone,
     north_m, east_m, down_m, airborne (0/1), armed (0/1), mode, co2_ppm, battery_fraction. Flushed once a second."""
-
-
-def position_ned_m(vehicle: VehicleSpec) -> Vector3:
-    return vehicle.home_north_m, vehicle.home_east_m, 0.0

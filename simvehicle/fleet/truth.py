@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission.geometry.frames import Vector3
+from simvehicle.drone.drones import SimulatedDrones
 
 Floats = NDArray[np.float64]
 
@@ -64,6 +65,38 @@ def parse_row(line: str) -> TruthRow | None:
         )
     except ValueError:
         return None
+
+
+class TruthWriter:
+    """Writes the file: a row of every drone ten times a simulated second, flushed once a second.
+
+    `OSError` where the file cannot be written.
+    """
+
+    def __init__(self, path: pathlib.Path) -> None:
+        self._file = path.open("w", encoding="utf-8")
+        self._file.write(",".join(COLUMNS) + "\n")
+        self._due_s = 0.0
+        self._flush_due_s = 1.0
+
+    def step(self, now_s: float, drones: SimulatedDrones) -> None:
+        if now_s < self._due_s:
+            return
+        self._due_s = max(self._due_s + STEP_S, now_s)
+        for drone_id, drone in drones.by_id.items():
+            v = drone.vehicle
+            north, east, down = v.position_ned_m
+            co2_ppm = drones.world.co2_ppm((north, east, down), now_s)
+            self._file.write(
+                f"{now_s:.2f},{drone_id},{north:.3f},{east:.3f},{down:.3f},{v.airborne:d},{v.armed:d},{v.mode},"
+                f"{co2_ppm:.2f},{v.battery_fraction:.4f}\n"
+            )
+        if now_s >= self._flush_due_s:
+            self._flush_due_s = now_s + 1.0
+            self._file.flush()
+
+    def close(self) -> None:
+        self._file.close()
 
 
 class TruthTail:

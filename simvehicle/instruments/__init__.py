@@ -21,8 +21,9 @@ from simvehicle.instruments.anemometers import (
 from simvehicle.instruments.gss import CozirEmulation, GssEmulator, SprintirEmulation
 from simvehicle.instruments.k30 import K30Emulation, K30Emulator
 from simvehicle.instruments.li850 import Li850Emulation, Li850Emulator
-from simvehicle.instruments.physics import Air, Emulator
+from simvehicle.instruments.physics import Emulator
 from simvehicle.instruments.sba5 import Sba5Emulation, Sba5Emulator
+from simvehicle.world.air import Air
 
 __all__ = ["EMULATORS", "Air", "Emulator", "make_emulator"]
 

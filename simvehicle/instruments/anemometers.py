@@ -11,7 +11,8 @@ import numpy as np
 
 from mission.geometry.frames import Vector3
 from sensors.instruments.checksums import xor_checksum
-from simvehicle.instruments.physics import Air, Ticker
+from simvehicle.instruments.physics import Ticker
+from simvehicle.world.air import Air
 
 
 class AnemometerEmulation(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -8,7 +8,8 @@ import re
 import msgspec
 import numpy as np
 
-from simvehicle.instruments.physics import Air, GasCell, GasResponse, Ticker
+from simvehicle.instruments.physics import GasCell, GasResponse, Ticker
+from simvehicle.world.air import Air
 
 _COMMAND = re.compile(rb"([A-Za-z.])(?: +(\d+))?")
 

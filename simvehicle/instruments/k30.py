@@ -6,7 +6,8 @@ import msgspec
 import numpy as np
 
 from sensors.instruments.checksums import modbus_crc
-from simvehicle.instruments.physics import Air, GasCell, GasResponse
+from simvehicle.instruments.physics import GasCell, GasResponse
+from simvehicle.world.air import Air
 
 _REQUEST_BYTES = 8
 

@@ -7,7 +7,8 @@ import re
 import msgspec
 import numpy as np
 
-from simvehicle.instruments.physics import Air, GasCell, GasResponse, Ticker
+from simvehicle.instruments.physics import GasCell, GasResponse, Ticker
+from simvehicle.world.air import Air
 
 _OUTRATE = re.compile(rb"<outrate>([0-9.]{1,6})</outrate>", re.IGNORECASE)
 

@@ -9,18 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from mission.geometry.frames import Vector3
-
-
-@dataclasses.dataclass(frozen=True)
-class Air:
-    """The air at an instrument's inlet, and at an anemometer's mast."""
-
-    co2_ppm: float = 420.0
-    wind_body_mps: Vector3 = (0.0, 0.0, 0.0)
-    """Where the air goes relative to the airframe: forward, right, down; the vehicle's motion is in it."""
-    temperature_c: float = 12.0
-    pressure_pa: float = 83_000.0
+from simvehicle.world.air import Air
 
 
 class Emulator(Protocol):

@@ -17,11 +17,11 @@ from sensors.filters.co2_filter import Co2Filter, Co2FilterConfig
 from sensors.filters.wind_filter import WindFilter, WindFilterConfig
 from sensors.instruments.registry import make_instrument
 from sensors.instruments.samples import Sample
-from simvehicle.fleet.fleet_config import WindConfig
 from simvehicle.instruments import make_emulator
-from simvehicle.instruments.physics import Air
 from simvehicle.vehicle.dynamics import GRAVITY_MPS2, Multirotor
+from simvehicle.world.air import Air
 from simvehicle.world.wind import GustyWind
+from simvehicle.world.world_config import WindConfig
 
 Array = npt.NDArray[np.float64]
 

@@ -1,7 +1,7 @@
 """A whole swarm in one process, on simulated time: the same agents, autopilots, instruments and bytes as in flight.
 
-Deterministic by seed and as fast as the machine allows: thousands of faulty flights as tests. Nothing here is
-faster or simpler than in flight except the waiting.
+Deterministic by seed and as fast as the machine allows: `pytest tests/scenario` flies whole surveys under faults.
+Nothing here is faster or simpler than in flight except the waiting.
 """
 
 from __future__ import annotations
@@ -9,9 +9,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Sequence
-
-import numpy as np
+from collections.abc import Callable, Iterator, Sequence
 
 from flightstack.agent import Agent, Inputs, Outputs, PeerMessage
 from flightstack.config import DroneConfig
@@ -30,9 +28,9 @@ from flightstack.swarm.wire import (
 )
 from flightstack.transport.memory import MemoryRadio, MemoryTransport
 from mission.geometry.frames import Vector3
+from simvehicle.drone.drones import NOTHING, Drone, DroneBytes, SimulatedDrones
+from simvehicle.drone.simulated_vehicle import SimulatedVehicle
 from simvehicle.fleet.fleet_config import FleetConfig
-from simvehicle.instruments import Air, Emulator, make_emulator
-from simvehicle.vehicle.simulated_vehicle import SimulatedVehicle
 from simvehicle.world.configured import make_world
 
 TICK_S = 0.1
@@ -41,17 +39,19 @@ GROUND = "ground"
 
 @dataclasses.dataclass
 class Member:
-    """One drone: its vehicle, its agent, its instruments."""
+    """One drone: its vehicle with its instruments, its agent and its radio."""
 
     config: DroneConfig
     vehicle: SimulatedVehicle
+    drone: Drone
     agent: Agent
     transport: MemoryTransport
-    emulators: dict[str, Emulator]
     alive: bool = True
     """Whether the agent runs; the vehicle flies on without it."""
-    plugged: set[str] = dataclasses.field(default_factory=set)
-    new_ports: set[str] = dataclasses.field(default_factory=set)
+    heard: DroneBytes = NOTHING
+    """What the agent said in its last tick: the vehicle hears it in the next step."""
+    open_ports: set[str] = dataclasses.field(default_factory=set)
+    """The instruments that the agent knows to be there."""
 
 
 class Scenario:
@@ -73,7 +73,6 @@ class Scenario:
         self.trees: dict[int, TreeState] = {}
         self.events: list[tuple[float, Event]] = []
         self.outcomes: list[CommandOutcome] = []
-        self.first_takeoff_s: float | None = None
         self.min_separation_m = math.inf
         self.tap: Callable[[int, float, Inputs, Outputs], None] | None = None
         """Called with every agent's tick, for recording."""
@@ -85,22 +84,16 @@ class Scenario:
         specs = {spec.id: spec for spec in fleet.vehicles}
         for config in drones:
             spec = specs[config.drone]
-            seed = (fleet.seed, config.drone)
-            emulators = {
-                i.name: make_emulator(i.type, np.random.default_rng((*seed, index)))
-                for index, i in enumerate(spec.instruments)
-            }
-            vehicle = SimulatedVehicle(spec, fleet, self.world, seed=fleet.seed)
+            vehicle = SimulatedVehicle(spec, self.world, seed=fleet.seed, ready_after_s=fleet.ready_after_s)
             self.radio.place(config.drone, vehicle.position_ned_m)
             self.members[config.drone] = Member(
                 config,
                 vehicle,
+                Drone(spec, vehicle, fleet.seed),
                 Agent(config, incarnation=config.drone),
                 self.radio.join(str(config.drone)),
-                emulators,
-                plugged=set(emulators),
-                new_ports=set(emulators),
             )
+        self._drones = SimulatedDrones((m.drone for m in self.members.values()), self.world, fleet.faults)
 
     # -- what a test does --------------------------------------------------------------------------------------
 
@@ -114,7 +107,7 @@ class Scenario:
         self.members[drone].alive = False
 
     def unplug(self, drone: int, instrument: str) -> None:
-        self.members[drone].plugged.discard(instrument)
+        self.members[drone].drone.set_plugged(instrument, False)
 
     def run_until(self, done: Callable[[], bool], limit_s: float) -> bool:
         """Step until `done`; whether it came true within `limit_s` simulated seconds."""
@@ -127,6 +120,11 @@ class Scenario:
 
     def run(self, seconds: float) -> None:
         self.run_until(lambda: False, seconds)
+
+    @property
+    def first_takeoff_s(self) -> float | None:
+        """Faults count from then on."""
+        return self._drones.first_takeoff_s
 
     def phases(self) -> set[Phase]:
         return {member.agent.phase.phase for member in self.members.values() if member.alive}
@@ -141,57 +139,30 @@ class Scenario:
 
     def step(self) -> None:
         self.now_s += TICK_S
-        for member in self.members.values():
-            member.vehicle.step(self.now_s)
+        said = self._drones.step(self.now_s, {drone: m.heard for drone, m in self.members.items()})
         for drone, member in self.members.items():
+            member.heard = NOTHING
             self.radio.place(drone, member.vehicle.position_ned_m)
         self.radio.step(self.now_s)
-        for member in self.members.values():
+        for drone, member in self.members.items():
             if member.alive:
-                self._tick(member)
-            else:
-                member.vehicle.drain()
+                self._tick(member, said[drone])
         self._listen()
         if self._ground_watches and self.now_s >= self._traffic_due_s:
             self._traffic_due_s = self.now_s + 0.25
             self._tell_of_orphans()
         self._measure()
 
-    def _tick(self, member: Member) -> None:
-        data = b"".join(data for link, data in member.vehicle.drain() if link == 0)
+    def _tick(self, member: Member, said: DroneBytes) -> None:
+        data = b"".join(data for link, data in said.links if link == 0)
         peers = tuple(PeerMessage(r.topic.name, r.sender, r.payload) for r in member.transport.receive())
-        inputs = Inputs(data, tuple(self._ports(member)), peers, 0)
+        inputs = Inputs(data, tuple(_ports(member, said)), peers, 0)
         outputs = member.agent.step(self.now_s, inputs)
         if self.tap is not None:
             self.tap(member.config.drone, self.now_s, inputs, outputs)
-        member.vehicle.receive(0, outputs.autopilot)
-        for name, sent in outputs.ports:
-            if name in member.plugged:
-                member.emulators[name].receive(self.now_s, sent)
+        member.heard = DroneBytes(((0, outputs.autopilot),), tuple(outputs.ports))
         for topic, payload in outputs.peers:
             member.transport.publish(topics.TOPICS[topic], payload)
-
-    def _ports(self, member: Member) -> list[PortInput]:
-        """What the instruments say in the air where the vehicle really is."""
-        vehicle = member.vehicle
-        found = []
-        for name, emulator in member.emulators.items():
-            if name not in member.plugged:
-                if name not in member.new_ports:
-                    member.new_ports.add(name)
-                    found.append(PortInput(name, lost="unplugged"))
-                continue
-            air = Air(
-                co2_ppm=self.world.co2_ppm(vehicle.position_ned_m, self.now_s),
-                wind_body_mps=vehicle.wind_body_mps(),
-            )
-            data = emulator.step(self.now_s, air)
-            if name in member.new_ports:
-                member.new_ports.discard(name)
-                found.append(PortInput(name, connected=True))
-            if data:
-                found.append(PortInput(name, data))
-        return found
 
     def _listen(self) -> None:
         for received in self._ground.receive():
@@ -221,7 +192,21 @@ class Scenario:
 
     def _measure(self) -> None:
         flying = [m.vehicle.position_ned_m for m in self.members.values() if m.vehicle.airborne]
-        if flying and self.first_takeoff_s is None:
-            self.first_takeoff_s = self.now_s
         for a, b in itertools.combinations(flying, 2):
             self.min_separation_m = min(self.min_separation_m, math.dist(a, b))
+
+
+def _ports(member: Member, said: DroneBytes) -> Iterator[PortInput]:
+    """What the agent's side of the instruments' lines sees: cables pulled and put in, and bytes."""
+    data = dict(said.instruments)
+    lines = member.drone.lines
+    for name in lines.names:
+        plugged, known = lines.is_plugged(name), name in member.open_ports
+        if plugged and not known:
+            member.open_ports.add(name)
+            yield PortInput(name, connected=True)
+        elif known and not plugged:
+            member.open_ports.discard(name)
+            yield PortInput(name, lost="unplugged")
+        if name in data:
+            yield PortInput(name, data[name])

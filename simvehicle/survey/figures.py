@@ -20,10 +20,11 @@ from flightstack.swarm.wire import Phase
 from mission.geometry.formation import Layout
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Stage
-from simvehicle.fleet.fleet_config import FaultSpec
+from simvehicle.faults.fault_table import FaultSpec
 from simvehicle.fleet.truth import Track
 from simvehicle.survey.watch import Log, TreeMark
-from simvehicle.world.gas import AnyPlume
+from simvehicle.world.air import World
+from simvehicle.world.fields import GasField
 
 WIDTH_IN = 5.0
 """At this width 9-point text is still about 8 points high on a phone held upright."""
@@ -77,10 +78,9 @@ def drawing(draw: Callable[[], Figure]) -> str:
 def survey_map(
     tracks: Mapping[int, Track],
     homes: Mapping[int, tuple[float, float]],
-    plume: AnyPlume,
+    world: World,
     above_home_m: float,
     fence: BaseGeometry | None,
-    wind_ned_mps: Vector3,
     log: Log,
     *,
     whole_fence: bool,
@@ -91,13 +91,13 @@ def survey_map(
     """
     figure = Figure(figsize=(WIDTH_IN, WIDTH_IN * 1.05), layout="constrained")
     axes = figure.add_subplot()
-    west, east, south, north = extent(tracks, homes, plume.source_ned_m, fence if whole_fence else None)
+    west, east, south, north = extent(tracks, homes, world.gas.source_ned_m, fence if whole_fence else None)
     axes.set_xlim(west, east)
     axes.set_ylim(south, north)
     axes.set_aspect("equal")
     axes.set_xlabel("east of the origin, m")
     axes.set_ylabel("north of the origin, m")
-    _plume(axes, plume, above_home_m)
+    _gas(axes, world.gas, above_home_m)
     if fence is not None:
         _fence(axes, fence)
     for index, (drone, track) in enumerate(tracks.items()):
@@ -118,8 +118,8 @@ def survey_map(
                 fontsize=8,
                 zorder=5,
             )
-    _finds(axes, plume.source_ned_m, log)
-    _scale_and_arrows(axes, wind_ned_mps)
+    _finds(axes, world.gas.source_ned_m, log)
+    _scale_and_arrows(axes, world.wind.mean_ned_mps)
     axes.legend(
         loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=3, frameon=False, fontsize=8, handlelength=1.6
     )
@@ -153,10 +153,11 @@ def extent(
     return middle_e - half_m, middle_e + half_m, middle_n - half_m, middle_n + half_m
 
 
-def _plume(axes: Axes, plume: AnyPlume, above_home_m: float) -> None:
+def _gas(axes: Axes, gas: GasField, above_home_m: float) -> None:
     """Filled contours of the excess at survey altitude, with their values written on them."""
     east_m, north_m = np.meshgrid(np.linspace(*axes.get_xlim(), 240), np.linspace(*axes.get_ylim(), 240))
-    excess_ppm = plume.excess_map_ppm(north_m, east_m, above_home_m)
+    places_ned_m = np.stack([north_m, east_m, np.full_like(north_m, -above_home_m)], axis=-1)
+    excess_ppm = gas.excesses_co2_ppm(places_ned_m.reshape(-1, 3), 0.0).reshape(north_m.shape)
     levels = [level for level in _CONTOURS_PPM if level < excess_ppm.max()]
     if not levels:
         return

@@ -10,7 +10,7 @@ import msgspec
 
 from flightstack.swarm.wire import Command, CommandName, Phase, Result, Severity
 from mission.strategies.contract import Stage
-from simvehicle.survey.launch import GROUND, VEHICLES, agent_name
+from simvehicle.survey.draft import GROUND, VEHICLES, agent_name
 from simvehicle.survey.processes import Ended
 from simvehicle.survey.survey_file import Kill
 from simvehicle.survey.watch import SurveyWatch

@@ -28,19 +28,15 @@ from flightstack.config import (
 from flightstack.config_file import problems
 from mission.documents.plan_file import read_plan
 from mission.documents.yaml_file import DocumentError, line_of, parse, read_text
-from mission.geometry.frames import Geodetic, LocalFrame, wind_from
+from mission.geometry.frames import LocalFrame
 from mission.geometry.geofence import Circle, Geofence, LocalFence, Vertex
 from sensors.instruments.sensor_error import SensorError
 from simvehicle.autopilot.parameters import Parameters, UnknownParameterError
-from simvehicle.fleet.fleet_config import (
-    FARTHEST_HOME_M,
-    FaultSpec,
-    GaussianPlume,
-    LocusGridPlume,
-    WindConfig,
-)
+from simvehicle.faults.fault_table import FAULTS, FaultSpec
+from simvehicle.fleet.fleet_config import FARTHEST_HOME_M
 from simvehicle.instruments import make_emulator
-from simvehicle.world.gas import make_plume
+from simvehicle.world.configured import make_world
+from simvehicle.world.world_config import GaussianPlume, WorldConfig
 
 Flavour = Literal["ardupilot", "px4"]
 
@@ -100,11 +96,9 @@ class SurveyFence(Section, frozen=True, kw_only=True):
     exclusion_circles: tuple[Circle, ...] = ()
 
 
-class SurveyConfig(Section, frozen=True, kw_only=True):
+class SurveyConfig(WorldConfig, frozen=True, kw_only=True):
     name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]+$")]
     """Names the swarm and the output directory."""
-    origin: Geodetic
-    """Origin of the swarm's local frame, at the height of the launch points."""
     drones: tuple[SurveyDrone, ...] = ()
     launch_line: LaunchLine | None = None
     """Instead of `drones`."""
@@ -113,10 +107,6 @@ class SurveyConfig(Section, frozen=True, kw_only=True):
     limits: LimitsConfig = LimitsConfig()
     geofence: SurveyFence | None = None
     strategy: StrategyConfig = StrategyConfig()
-    wind: WindConfig = WindConfig()
-    plume: GaussianPlume | LocusGridPlume | None = None
-    background_co2_ppm: Annotated[float, Meta(ge=0.0)] = 420.0
-    seed: int = 0
     speedup: Annotated[float, Meta(gt=0.0, le=20.0)] = 5.0
     """How many times faster than real time everything runs; a busy machine needs a lower one."""
     time_limit_s: Positive = 1800.0
@@ -147,7 +137,18 @@ def load(
 
     `DocumentError` says in one line what is wrong, where, and how to mend it.
     """
-    file, text = str(path), read_text(path)
+    return parse_survey(read_text(path), str(path), speedup=speedup, seed=seed, extra_faults=extra_faults)
+
+
+def parse_survey(
+    text: str,
+    file: str,
+    *,
+    speedup: float | None = None,
+    seed: int | None = None,
+    extra_faults: tuple[FaultSpec, ...] = (),
+) -> Survey:
+    """As `load`, from the text; `file` stands in the errors, and a fence's own file is looked for beside it."""
     config = parse(text, SurveyConfig, file)
     config = msgspec.structs.replace(
         config,
@@ -310,11 +311,10 @@ class _Checks:
                 raise self._fail(f"drones[{index}].parameters", str(error)) from error
 
     def _plume(self) -> None:
-        plume, wind = self._config.plume, self._config.wind
-        if not isinstance(plume, GaussianPlume):
+        if not isinstance(self._config.plume, GaussianPlume):
             return
-        drawn = make_plume(plume, wind_from(wind.speed_mps, wind.from_deg), self._config.origin.amsl_m)
-        most_ppm = drawn.excess_co2_ppm(drawn.source_ned_m, 0.0)
+        gas = make_world(self._config).gas
+        most_ppm = gas.excess_co2_ppm(gas.source_ned_m, 0.0)
         if most_ppm > 1e6:
             raise self._fail(
                 "plume.vent_sd_m",
@@ -379,7 +379,7 @@ def _fault_problems(fault: FaultSpec, drones: Mapping[int, SurveyDrone]) -> Iter
         yield "drone", f"there is no drone {fault.drone}, but {list(drones)}"
         return
     names = [i.name for i in drones[fault.drone].instruments or ()]
-    if fault.kind == "unplug" and fault.instrument not in names:
+    if FAULTS[fault.kind].needs_instrument and fault.instrument not in names:
         yield (
             "instrument",
             f"drone {fault.drone} carries no instrument called {fault.instrument!r}, but {names}",

@@ -1,1 +1,1 @@
-"""Kinematic trials by the thousand: the LoCUS paper's experiments with the decision code that flies."""
+"""Kinematic trials by the thousand: strategies' rules, compiled, on drones that are moving points."""

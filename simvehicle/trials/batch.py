@@ -9,8 +9,8 @@ from typing import Any
 
 import pandas as pd
 
+from simvehicle.compiled import ENGINE
 from simvehicle.trials.cell import Cell
-from simvehicle.trials.compiled import ENGINE
 from simvehicle.trials.outcome import run_cell
 from simvehicle.trials.store import Block, Run, Store
 from simvehicle.trials.trials_error import TrialsError

@@ -1,9 +1,9 @@
-"""What a drone of the trials reads at a point: compiled plume models, normalised to a peak of 1.
+"""What a drone of the trials reads at a point: the world's plumes, normalised to a peak of 1.
 
-* `locus-grid`: the plume of the paper's experiments (`simvehicle.world.gas.locus_grid`), downwind north.
-* `gaussian`: the physical plume (`simvehicle.world.gas.Gaussian`: finite vent, Briggs' spreads, reflection at the
-  ground) cut at the drones' height, and with a gusting wind it meanders: the puff that is now x downwind left the
-  vent x/u ago and was carried sideways by the crosswind since (Gifford 1959), here a sum of four waves.
+* `locus-grid`: the plume of the paper's experiments (`simvehicle.world.gas_formulas.locus_grid`), downwind north.
+* `gaussian`: the physical plume (`gaussian_concentration_pm2`) cut at the drones' height, and with a gusting wind it
+  meanders: the puff that is now x downwind left the vent x/u ago and was carried sideways by the crosswind since
+  (Gifford 1959), here a sum of four waves.
 
 Values under the paper's cut of 0.005 are 0.
 """
@@ -17,15 +17,23 @@ from typing import Literal
 import numpy as np
 
 from mission.geometry.formation import FloatArray
-from simvehicle.fleet.fleet_config import GaussianPlume
-from simvehicle.trials.compiled import compiled, kernel
-from simvehicle.world.gas import LOCUS_CELL_M, LOCUS_CUT, LOCUS_WIDTH_M, Gaussian, locus_grid
+from simvehicle.compiled import kernel
+from simvehicle.world import gas_formulas
+from simvehicle.world.compiled_gas import gaussian_concentration_pm2, locus_grid_value
+from simvehicle.world.gas import Gaussian
+from simvehicle.world.gas_formulas import (
+    LOCUS_CELL_M,
+    LOCUS_CUT,
+    LOCUS_WIDTH_M,
+    locus_grid,
+    locus_grid_source_m,
+)
+from simvehicle.world.world_config import GaussianPlume
 
 PlumeName = Literal["locus-grid", "gaussian"]
 
 # Places in a plume's numbers.
 KIND, SOURCE_X, SOURCE_Y, LOW_X, HIGH_X, LOW_Y, HIGH_Y, VENT, HEIGHT, PEAK, WIND, WAVES = range(12)
-_CELLS_PER_M = 1.0 / LOCUS_CELL_M
 WAVE_COUNT = 4
 NUMBERS = WAVES + 2 * WAVE_COUNT
 GRID, GAUSSIAN = 0, 1
@@ -43,11 +51,9 @@ def plume_numbers(name: PlumeName, perturbed: bool, gust_sd_mps: float) -> tuple
     numbers = np.zeros(NUMBERS)
     if name == "locus-grid":
         grid = locus_grid(perturbed)
-        row, column = np.unravel_index(int(np.argmax(grid)), grid.shape)
         rows, columns = np.nonzero(grid)
         numbers[KIND] = GRID
-        numbers[SOURCE_X] = (int(row) + 0.5) * LOCUS_CELL_M
-        numbers[SOURCE_Y] = (int(column) + 0.5) * LOCUS_CELL_M - LOCUS_WIDTH_M / 2.0
+        numbers[SOURCE_X], numbers[SOURCE_Y] = locus_grid_source_m(grid)
         numbers[LOW_X] = rows.min() * LOCUS_CELL_M
         numbers[HIGH_X] = (rows.max() + 1) * LOCUS_CELL_M
         numbers[LOW_Y] = columns.min() * LOCUS_CELL_M - LOCUS_WIDTH_M / 2.0
@@ -62,31 +68,15 @@ def plume_numbers(name: PlumeName, perturbed: bool, gust_sd_mps: float) -> tuple
     numbers[LOW_X] = numbers[LOW_Y] = -math.inf
     numbers[HIGH_X] = numbers[HIGH_Y] = math.inf
     numbers[VENT], numbers[HEIGHT], numbers[WIND] = VENT_SD_M, HEIGHT_M, WIND_MPS
-    numbers[PEAK] = 1.0
-    numbers[PEAK] = gaussian_value(numbers, float(numbers[SOURCE_X]), 0.0)
+    numbers[PEAK] = gas_formulas.gaussian_concentration_pm2(
+        float(numbers[SOURCE_X]), 0.0, HEIGHT_M, HEIGHT_M, VENT_SD_M
+    )
     # Four waves of equal amplitude a have the variance 4 a^2 / 2. Their phases are the trial's.
     numbers[WAVES : WAVES + WAVE_COUNT] = gust_sd_mps * math.sqrt(2.0 / WAVE_COUNT)
     return numbers, np.zeros((1, 1))
 
 
 _OMEGA_RADPS = np.array([2.0 * math.pi / period_s for period_s in _WAVE_PERIODS_S])
-
-
-@compiled
-def gaussian_value(plume: FloatArray, x: float, y: float) -> float:
-    """Concentration of the Gaussian plume at the height of its release, x downwind and y crosswind, over PEAK."""
-    vent2 = plume[VENT] * plume[VENT]
-    sy2 = vent2
-    sz2 = vent2
-    tail = 0.0
-    if x >= 0.0:
-        sy2 += 0.0064 * x * x / (1.0 + 0.0001 * x)
-        sz2 += 0.0036 * x * x / (1.0 + 0.0015 * x)
-    else:
-        tail = x * x / vent2
-    reflected = math.exp(-2.0 * plume[HEIGHT] * plume[HEIGHT] / sz2)
-    across = math.exp(-0.5 * (y * y / sy2 + tail))
-    return float(across / math.sqrt(sy2 * sz2) * (1.0 + reflected) / plume[PEAK])
 
 
 @kernel
@@ -100,7 +90,8 @@ def _meandering_value(plume: FloatArray, x: float, y: float, time_s: float) -> f
             phase = plume[WAVES + WAVE_COUNT + wave]
             swing = math.sin(omega * time_s + phase) - math.sin(omega * left_s + phase)
             shift += plume[WAVES + wave] / omega * swing
-    value = gaussian_value(plume, x, y - shift)
+    height_m = plume[HEIGHT]
+    value = gaussian_concentration_pm2(x, y - shift, height_m, height_m, plume[VENT]) / plume[PEAK]
     return value if value >= LOCUS_CUT else 0.0
 
 
@@ -109,8 +100,4 @@ def reading(plume: FloatArray, grid: FloatArray, x: float, y: float, time_s: flo
     """What a sensor at (x, y) north and east of the plume's origin reads, in [0, 1]."""
     if plume[KIND] != GRID:
         return _meandering_value(plume, x, y, time_s)
-    rows = x * _CELLS_PER_M
-    columns = (y + LOCUS_WIDTH_M / 2.0) * _CELLS_PER_M
-    if 0.0 <= rows < grid.shape[0] and 0.0 <= columns < grid.shape[1]:
-        return float(grid[np.uint64(rows), np.uint64(columns)])  # unsigned: no counting from the end
-    return 0.0
+    return locus_grid_value(grid, x, y)

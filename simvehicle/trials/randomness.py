@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from simvehicle.trials.compiled import compiled
+from simvehicle.compiled import compiled
 
 Stream = NDArray[np.uint64]
 """One number: the generator's state."""

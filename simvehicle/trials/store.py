@@ -14,8 +14,8 @@ import pathlib
 import msgspec
 import pandas as pd
 
+from simvehicle.compiled import ENGINE
 from simvehicle.trials.cell import Cell
-from simvehicle.trials.compiled import ENGINE
 from simvehicle.trials.trials_error import TrialsError
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mission.geometry.formation import FloatArray
-from simvehicle.trials.compiled import compiled
+from simvehicle.compiled import compiled
 from simvehicle.trials.flight import (
     LEG_DRONE,
     LEG_HEIR,

@@ -76,19 +76,26 @@ class Multirotor:
         self.last_dt_s = dt_s
         if self.failed:
             wanted_thrust_mps2 = (0.0, 0.0, 0.0)
-        for axis in (0, 1, 2):
-            thrust[axis] += (wanted_thrust_mps2[axis] - thrust[axis]) * blend
+        wanted_n, wanted_e, wanted_d = wanted_thrust_mps2
+        thrust_n, thrust_e, thrust_d = thrust
+        thrust_n += (wanted_n - thrust_n) * blend
+        thrust_e += (wanted_e - thrust_e) * blend
+        thrust_d += (wanted_d - thrust_d) * blend
+        thrust[:] = (thrust_n, thrust_e, thrust_d)
         self._turn(dt_s, wanted_yaw_rad)
-        if self.on_ground and -thrust[2] <= GRAVITY_MPS2:
+        if self.on_ground and -thrust_d <= GRAVITY_MPS2:
             velocity[0] = velocity[1] = velocity[2] = 0.0
             return
         self.on_ground = False
-        for axis in (0, 1, 2):
-            acceleration = thrust[axis] - DRAG_PER_S * (velocity[axis] - wind_ned_mps[axis])
-            if axis == 2:
-                acceleration += GRAVITY_MPS2
-            velocity[axis] += acceleration * dt_s
-            position[axis] += velocity[axis] * dt_s
+        wind_n, wind_e, wind_d = wind_ned_mps
+        north_mps, east_mps, down_mps = velocity
+        north_mps += (thrust_n - DRAG_PER_S * (north_mps - wind_n)) * dt_s
+        east_mps += (thrust_e - DRAG_PER_S * (east_mps - wind_e)) * dt_s
+        down_mps += (thrust_d - DRAG_PER_S * (down_mps - wind_d) + GRAVITY_MPS2) * dt_s
+        velocity[:] = (north_mps, east_mps, down_mps)
+        position[0] += north_mps * dt_s
+        position[1] += east_mps * dt_s
+        position[2] += down_mps * dt_s
         if position[2] >= 0.0 and velocity[2] > 0.0:
             self.impact_mps = velocity[2]
             self.on_ground = True
@@ -100,7 +107,9 @@ class Multirotor:
             self.yaw_rate_radps = 0.0
             return
         error_rad = wrapped(wanted_yaw_rad - self.yaw_rad)
-        rate_radps = max(-YAW_RATE_LIMIT_RADPS, min(YAW_RATE_LIMIT_RADPS, 2.0 * error_rad))
+        rate_radps = 2.0 * error_rad
+        if abs(rate_radps) > YAW_RATE_LIMIT_RADPS:
+            rate_radps = math.copysign(YAW_RATE_LIMIT_RADPS, rate_radps)
         self.yaw_rate_radps = rate_radps
         self.yaw_rad = wrapped(self.yaw_rad + rate_radps * dt_s)
 

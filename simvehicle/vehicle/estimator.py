@@ -17,8 +17,12 @@ _POSITION_TIME_S = 60.0
 _VELOCITY_SD_MPS = 0.02
 _DRIFT_MPS2 = 0.06
 """Growth of the velocity error per root second when there is no GPS."""
-_LINEAR_M = 30.0
-"""Radius within which the conversion to latitude and longitude is linear to a tenth of a millimetre."""
+_CELL_M = 40.0
+"""Edge of a cell in which the conversion to latitude and longitude is linear to a tenth of a millimetre."""
+_CELLS_KEPT = 1000
+
+_Cell = tuple[Vector3, Geodetic, Vector3, Vector3, Vector3]
+"""Middle of a cell (world's NED frame), the same on the earth, slopes per metre north, east and down."""
 
 
 class Estimator:
@@ -43,7 +47,7 @@ class Estimator:
         """The local frame's origin in the world's frame."""
         self.position_m: Vector3 = (0.0, 0.0, 0.0)
         self.velocity_mps: Vector3 = (0.0, 0.0, 0.0)
-        self._near: tuple[Vector3, Geodetic, tuple[float, ...]] | None = None
+        self._cells: dict[tuple[int, int, int], _Cell] = {}
 
     def step(self, now_s: float, dt_s: float, position: list[float], velocity: list[float]) -> None:
         """Take in the truth (world frame)."""
@@ -97,34 +101,42 @@ class Estimator:
     def geodetic(self, position_m: Vector3) -> Geodetic:
         """A point of the local frame on the earth.
 
-        The exact conversion is linearised around a nearby point: telemetry asks for it hundreds of times a second.
+        The exact conversion is linearised around the middle of the cell that the point lies in: telemetry asks for it
+        hundreds of times a second, for places that are far apart (the vehicle, home, the target).
         """
-        world = tuple(p + o for p, o in zip(position_m, self.origin_ned_m, strict=True))
-        near = self._near
-        if near is None or any(abs(a - b) > _LINEAR_M for a, b in zip(world, near[0], strict=True)):
-            near = self._linearised((world[0], world[1], world[2]))
-            self._near = near
-        (north, east, down), at, (lat_n, lon_n, amsl_n, lat_e, lon_e, amsl_e) = near
-        north, east, down = world[0] - north, world[1] - east, world[2] - down
+        origin = self.origin_ned_m
+        north, east, down = position_m[0] + origin[0], position_m[1] + origin[1], position_m[2] + origin[2]
+        key = round(north / _CELL_M), round(east / _CELL_M), round(down / _CELL_M)
+        cell = self._cells.get(key)
+        if cell is None:
+            if len(self._cells) >= _CELLS_KEPT:
+                self._cells.clear()
+            cell = self._cells[key] = self._linearised(key)
+        middle, at, to_north, to_east, to_down = cell
+        north, east, down = north - middle[0], east - middle[1], down - middle[2]
         return Geodetic(
-            at.latitude_deg + lat_n * north + lat_e * east,
-            at.longitude_deg + lon_n * north + lon_e * east,
-            at.amsl_m - down + amsl_n * north + amsl_e * east,
+            at.latitude_deg + to_north[0] * north + to_east[0] * east + to_down[0] * down,
+            at.longitude_deg + to_north[1] * north + to_east[1] * east + to_down[1] * down,
+            at.amsl_m + to_north[2] * north + to_east[2] * east + to_down[2] * down,
         )
 
-    def _linearised(self, world: Vector3) -> tuple[Vector3, Geodetic, tuple[float, ...]]:
-        at = self._frame.to_geodetic(world)
-        slopes: list[float] = []
-        for axis in (0, 1):
-            ahead, behind = list(world), list(world)
-            ahead[axis] += 10.0
-            behind[axis] -= 10.0
-            a = self._frame.to_geodetic((ahead[0], ahead[1], ahead[2]))
-            b = self._frame.to_geodetic((behind[0], behind[1], behind[2]))
-            slopes.append((a.latitude_deg - b.latitude_deg) / 20.0)
-            slopes.append((a.longitude_deg - b.longitude_deg) / 20.0)
-            slopes.append((a.amsl_m - b.amsl_m) / 20.0)
-        return world, at, tuple(slopes)
+    def _linearised(self, key: tuple[int, int, int]) -> _Cell:
+        middle = key[0] * _CELL_M, key[1] * _CELL_M, key[2] * _CELL_M
+        north, east, down = (self._slope(middle, axis) for axis in (0, 1, 2))
+        return middle, self._frame.to_geodetic(middle), north, east, down
+
+    def _slope(self, middle: Vector3, axis: int) -> Vector3:
+        """Latitude (degrees), longitude (degrees) and altitude (m) per metre along an axis."""
+        ahead, behind = list(middle), list(middle)
+        ahead[axis] += 10.0
+        behind[axis] -= 10.0
+        a = self._frame.to_geodetic((ahead[0], ahead[1], ahead[2]))
+        b = self._frame.to_geodetic((behind[0], behind[1], behind[2]))
+        return (
+            (a.latitude_deg - b.latitude_deg) / 20.0,
+            (a.longitude_deg - b.longitude_deg) / 20.0,
+            (a.amsl_m - b.amsl_m) / 20.0,
+        )
 
     def local(self, point: Geodetic) -> Vector3:
         """A point on the earth in the local frame."""

@@ -1,8 +1,4 @@
-"""Plume models: how much CO2 over the background there is at a point.
-
-Each has a cheap scalar form for the instruments (a few microseconds) and an array form for maps, of one
-formula.
-"""
+"""The gases of a world: how much CO2 over the background there is at a point, and at many."""
 
 from __future__ import annotations
 
@@ -10,38 +6,30 @@ import functools
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mission.geometry.formation import FloatArray
 from mission.geometry.frames import Vector3
-from simvehicle.fleet.fleet_config import GaussianPlume, LocusGridPlume
-
-Floats = NDArray[np.float64]
+from simvehicle.world.atmosphere import air_density_kgpm3
+from simvehicle.world.fields import GasField
+from simvehicle.world.gas_formulas import (
+    gaussian_concentration_pm2,
+    locus_grid,
+    locus_grid_source_m,
+    locus_grid_value,
+)
+from simvehicle.world.world_config import GaussianPlume, LocusGridPlume
 
 _CO2_TO_AIR_MASS = 44.0095 / 28.9647
 """Molar masses of CO2 and dry air: their ratio is that of the gases' densities at one temperature and
 pressure."""
 _CALM_MPS = 0.5
 """A Gaussian plume has no meaning in calm air; below this wind speed it is computed as for this speed."""
-_NEGLIGIBLE_SD = 6.0
-"""Further from the axis than this many standard deviations there is nothing to measure."""
-
-
-def air_density_kgpm3(amsl_m: float) -> float:
-    """Density of the standard atmosphere (ISO 2533, troposphere)."""
-    theta = 1.0 - 0.0065 * amsl_m / 288.15
-    return 1.225 * math.pow(max(theta, 0.1), 4.2559)
 
 
 class Gaussian:
-    """The Gaussian plume of a vent of finite width, in a steady mean wind, over flat ground at the height of
-    home.
+    """The Gaussian plume of a vent, in a steady mean wind, over flat ground at the height of home.
 
-    c = Q / (2 pi u sy sz) exp(-y^2/2sy^2) [exp(-(z-H)^2/2sz^2) + exp(-(z+H)^2/2sz^2)], x downwind, y
-    crosswind, z up (Pasquill; the second term is the reflection at the ground), with sy^2 = s0^2 + by^2 and
-    sz^2 = s0^2 + bz^2. s0 is the spread at the vent, by and bz are Briggs' (1973) spreads over open country
-    in neutral air: 0.08 x (1 + 0.0001 x)^-1/2 and 0.06 x (1 + 0.0015 x)^-1/2. Upwind of the vent the
-    concentration falls off with exp(-x^2/2s0^2), so that the field and its slope are continuous everywhere.
-    The plume follows the mean wind; gusts do not bend it.
+    c = Q / (2 pi u) times `gaussian_concentration_pm2`. The plume follows the mean wind; gusts do not bend it.
     """
 
     def __init__(self, config: GaussianPlume, mean_wind_ned_mps: Vector3, amsl_m: float) -> None:
@@ -49,7 +37,7 @@ class Gaussian:
         self._north_m = config.source_north_m
         self._east_m = config.source_east_m
         self._height_m = config.source_above_home_m
-        self._vent_sd2_m2 = config.vent_sd_m**2
+        self._vent_sd_m = config.vent_sd_m
         speed_mps = math.hypot(mean_wind_ned_mps[0], mean_wind_ned_mps[1])
         # In still air any direction would do; north it is.
         self._cos, self._sin = (
@@ -61,85 +49,45 @@ class Gaussian:
         self._strength_ppm_m2 = (
             config.emission_kgps / (2.0 * math.pi * max(speed_mps, _CALM_MPS)) / co2_kgpm3 * 1e6
         )
-        self._source_ned_m = self._strongest()
 
-    @property
+    @functools.cached_property
     def source_ned_m(self) -> Vector3:
         """Where the concentration is largest at the height of release: the vent itself, unless the plume is
-        so wide that its reflection at the ground moves the maximum downwind."""
-        return self._source_ned_m
+        so wide that its reflection at the ground moves the maximum downwind. To 0.1 m along the axis, about which
+        the field is symmetric."""
+        height_m, vent_sd_m = self._height_m, self._vent_sd_m
+        best_m = max(
+            (0.1 * step for step in range(math.ceil(400.0 * vent_sd_m))),
+            key=lambda x_m: gaussian_concentration_pm2(x_m, 0.0, height_m, height_m, vent_sd_m),
+        )
+        return self._north_m + best_m * self._cos, self._east_m + best_m * self._sin, -height_m
 
     def excess_co2_ppm(self, position_ned_m: Vector3, time_s: float) -> float:  # noqa: ARG002 (steady)
-        """CO2 over the background, ppm by volume; 0 below the ground."""
         north_m, east_m = position_ned_m[0] - self._north_m, position_ned_m[1] - self._east_m
-        up_m = -position_ned_m[2]
-        downwind_m = north_m * self._cos + east_m * self._sin
-        crosswind_m = east_m * self._cos - north_m * self._sin
-        vent2 = self._vent_sd2_m2
-        if downwind_m >= 0.0:
-            by2 = 0.0064 * downwind_m * downwind_m / (1.0 + 0.0001 * downwind_m)
-            bz2 = 0.0036 * downwind_m * downwind_m / (1.0 + 0.0015 * downwind_m)
-            sy2, sz2, tail = vent2 + by2, vent2 + bz2, 0.0
-        else:
-            sy2 = sz2 = vent2
-            tail = downwind_m * downwind_m / vent2
-        across = crosswind_m * crosswind_m / sy2 + tail
-        if across > _NEGLIGIBLE_SD**2 or up_m < 0.0:
-            return 0.0
-        direct = math.exp(-0.5 * (across + (up_m - self._height_m) ** 2 / sz2))
-        reflected = math.exp(-0.5 * (across + (up_m + self._height_m) ** 2 / sz2))
-        return self._strength_ppm_m2 / math.sqrt(sy2 * sz2) * (direct + reflected)
+        return self._strength_ppm_m2 * gaussian_concentration_pm2(
+            north_m * self._cos + east_m * self._sin,
+            east_m * self._cos - north_m * self._sin,
+            -position_ned_m[2],
+            self._height_m,
+            self._vent_sd_m,
+        )
 
-    def excess_map_ppm(self, north_m: Floats, east_m: Floats, above_home_m: float) -> Floats:
-        """`excess_co2_ppm` for arrays of points at one height, for maps."""
-        north, east = np.asarray(north_m) - self._north_m, np.asarray(east_m) - self._east_m
-        downwind = north * self._cos + east * self._sin
-        crosswind = east * self._cos - north * self._sin
-        inside = np.maximum(downwind, 0.0)
-        sy2 = self._vent_sd2_m2 + 0.0064 * inside**2 / (1.0 + 0.0001 * inside)
-        sz2 = self._vent_sd2_m2 + 0.0036 * inside**2 / (1.0 + 0.0015 * inside)
-        across = crosswind**2 / sy2 + np.minimum(downwind, 0.0) ** 2 / self._vent_sd2_m2
-        direct = np.exp(-0.5 * (across + (above_home_m - self._height_m) ** 2 / sz2))
-        reflected = np.exp(-0.5 * (across + (above_home_m + self._height_m) ** 2 / sz2))
-        excess: Floats = self._strength_ppm_m2 / np.sqrt(sy2 * sz2) * (direct + reflected)
-        return np.where((across > _NEGLIGIBLE_SD**2) | (above_home_m < 0.0), 0.0, excess)
+    def excesses_co2_ppm(self, positions_ned_m: FloatArray, time_s: float) -> FloatArray:  # noqa: ARG002
+        # Loaded by who asks for arrays: a fleet of vehicles asks for points alone, and starts without a compiler.
+        from simvehicle.world.compiled_gas import gaussian_excesses
 
-    def _strongest(self) -> Vector3:
-        """The maximum along the axis at the height of release, to 0.1 m; the field is symmetric about the
-        axis."""
-        downwind_m = np.arange(0.0, 40.0 * math.sqrt(self._vent_sd2_m2), 0.1)
-        north_m, east_m = self._north_m + downwind_m * self._cos, self._east_m + downwind_m * self._sin
-        best = int(np.argmax(self.excess_map_ppm(north_m, east_m, self._height_m)))
-        return float(north_m[best]), float(east_m[best]), -self._height_m
-
-
-LOCUS_CELL_M = 0.1
-LOCUS_LENGTH_M = 200.0
-LOCUS_WIDTH_M = 40.0
-LOCUS_CUT = 0.005
-
-
-@functools.cache
-def locus_grid(perturbed: bool) -> Floats:
-    """The plume of the LoCUS paper's experiments as its authors ran it: values in [0, 1].
-
-    2000 x 400 cells of 0.1 m; cell [i, j] is centred (i + 0.5) * 0.1 m downwind and (j + 0.5) * 0.1 - 20 m
-    crosswind of the plume's origin. With xs = x/5, ys = y/5: c = Q/(2 pi K xs) exp(-u (ys^2 + H^2)/(4 K
-    xs)), Q = 2, K = 1000, H = 0.15, u = 50000; perturbed: times (0.8 + 0.2 sin 4x). Divided by its maximum,
-    values under 0.005 set to 0. The formula as printed cannot have been what ran: its peak would lie 1250 m
-    downwind.
-    """
-    x_m = (np.arange(round(LOCUS_LENGTH_M / LOCUS_CELL_M)) + 0.5)[:, None] * LOCUS_CELL_M
-    y_m = (np.arange(round(LOCUS_WIDTH_M / LOCUS_CELL_M)) + 0.5)[None, :] * LOCUS_CELL_M - LOCUS_WIDTH_M / 2.0
-    xs, ys = x_m / 5.0, y_m / 5.0
-    decay = np.exp(-50000.0 * (ys**2 + 0.15**2) / (4.0 * 1000.0 * xs))
-    grid = np.asarray(2.0 / (2.0 * np.pi * 1000.0 * xs) * decay, dtype=np.float64)
-    if perturbed:
-        grid *= 0.8 + 0.2 * np.sin(4.0 * x_m)
-    grid /= grid.max()
-    grid[grid < LOCUS_CUT] = 0.0
-    grid.setflags(write=False)
-    return grid
+        excesses_ppm = np.empty(len(positions_ned_m))
+        vent_ned_m = np.array([self._north_m, self._east_m, -self._height_m])
+        gaussian_excesses(
+            np.ascontiguousarray(positions_ned_m, np.float64),
+            vent_ned_m,
+            self._cos,
+            self._sin,
+            self._vent_sd_m,
+            self._strength_ppm_m2,
+            excesses_ppm,
+        )
+        return excesses_ppm
 
 
 class LocusGrid:
@@ -150,37 +98,32 @@ class LocusGrid:
         self._north_m, self._east_m = config.source_north_m, config.source_east_m
         self._peak_ppm = config.peak_ppm
         self._grid = locus_grid(config.perturbed)
-        self._rows, self._columns = self._grid.shape
 
     @property
     def source_ned_m(self) -> Vector3:
         """Centre of the strongest cell (about 1.4 m north of the plume's origin), at the paper's height of
         10 m."""
-        row, column = np.unravel_index(int(np.argmax(self._grid)), self._grid.shape)
-        return (
-            self._north_m + (int(row) + 0.5) * LOCUS_CELL_M,
-            self._east_m + (int(column) + 0.5) * LOCUS_CELL_M - LOCUS_WIDTH_M / 2.0,
-            -10.0,
-        )
+        downwind_m, crosswind_m = locus_grid_source_m(self._grid)
+        return self._north_m + downwind_m, self._east_m + crosswind_m, -10.0
 
     def excess_co2_ppm(self, position_ned_m: Vector3, time_s: float) -> float:  # noqa: ARG002 (steady)
-        """The value of the cell that the point lies in times `peak_ppm`; 0 outside the grid."""
-        row = math.floor((position_ned_m[0] - self._north_m) / LOCUS_CELL_M)
-        column = math.floor((position_ned_m[1] - self._east_m + LOCUS_WIDTH_M / 2.0) / LOCUS_CELL_M)
-        if 0 <= row < self._rows and 0 <= column < self._columns:
-            return self._peak_ppm * float(self._grid[row, column])
-        return 0.0
-
-    def excess_map_ppm(self, north_m: Floats, east_m: Floats, above_home_m: float) -> Floats:  # noqa: ARG002
-        """`excess_co2_ppm` for arrays of points."""
-        row = np.floor((np.asarray(north_m) - self._north_m) / LOCUS_CELL_M).astype(np.int64)
-        column = np.floor((np.asarray(east_m) - self._east_m + LOCUS_WIDTH_M / 2.0) / LOCUS_CELL_M).astype(
-            np.int64
+        return self._peak_ppm * locus_grid_value(
+            self._grid, position_ned_m[0] - self._north_m, position_ned_m[1] - self._east_m
         )
-        inside = (row >= 0) & (row < self._rows) & (column >= 0) & (column < self._columns)
-        values = self._grid[np.clip(row, 0, self._rows - 1), np.clip(column, 0, self._columns - 1)]
-        excess: Floats = np.where(inside, self._peak_ppm * values, 0.0)
-        return excess
+
+    def excesses_co2_ppm(self, positions_ned_m: FloatArray, time_s: float) -> FloatArray:  # noqa: ARG002
+        from simvehicle.world.compiled_gas import locus_grid_excesses
+
+        excesses_ppm = np.empty(len(positions_ned_m))
+        locus_grid_excesses(
+            np.ascontiguousarray(positions_ned_m, np.float64),
+            self._grid,
+            self._north_m,
+            self._east_m,
+            self._peak_ppm,
+            excesses_ppm,
+        )
+        return excesses_ppm
 
 
 class CleanAir:
@@ -191,18 +134,14 @@ class CleanAir:
     def excess_co2_ppm(self, position_ned_m: Vector3, time_s: float) -> float:  # noqa: ARG002
         return 0.0
 
-    def excess_map_ppm(self, north_m: Floats, east_m: Floats, above_home_m: float) -> Floats:  # noqa: ARG002
-        shape = np.broadcast_shapes(np.shape(north_m), np.shape(east_m))
-        return np.zeros(shape)
+    def excesses_co2_ppm(self, positions_ned_m: FloatArray, time_s: float) -> FloatArray:  # noqa: ARG002
+        return np.zeros(len(positions_ned_m))
 
 
-AnyPlume = Gaussian | LocusGrid | CleanAir
-
-
-def make_plume(
+def make_gas(
     config: GaussianPlume | LocusGridPlume | None, mean_wind_ned_mps: Vector3, amsl_m: float
-) -> AnyPlume:
-    """The plume that a configuration describes; None is clean air."""
+) -> GasField:
+    """The gas that a configuration describes; None is clean air."""
     if config is None:
         return CleanAir()
     if isinstance(config, LocusGridPlume):

@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 
+from mission.geometry.formation import FloatArray
 from mission.geometry.frames import Vector3, wind_from
-from simvehicle.fleet.fleet_config import WindConfig
+from simvehicle.world.world_config import WindConfig
 
 _STEPS_PER_GUST = 25
 """Samples of the gust process per correlation time: between two of them it is drawn as a straight line."""
@@ -57,6 +58,10 @@ class GustyWind:
             a[1] + share * (b[1] - a[1]),
             a[2] + share * (b[2] - a[2]),
         )
+
+    def winds_ned_mps(self, positions_ned_m: FloatArray, time_s: float) -> FloatArray:
+        """`wind_ned_mps` at (n, 3) positions: the same at each."""
+        return np.tile(self.wind_ned_mps((0.0, 0.0, 0.0), time_s), (len(positions_ned_m), 1))
 
     def _extend(self) -> None:
         north, east, down = self.mean_ned_mps

@@ -8,23 +8,22 @@ import pathlib
 import pty
 import socket
 import termios
+import threading
 import tty
 from collections.abc import Callable, Iterator
 
 import pytest
+import serial
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from flightstack.mavlink.link import (
-    READ_AT_MOST_BYTES,
-    WRITE_BACKLOG_BYTES,
-    ByteLink,
-    LinkError,
-    UdpInLink,
-    memory_pair,
-    open_link,
-)
-from flightstack.mavlink.link_streams import TcpServerLink
+from flightstack.mavlink.link import ByteLink, LinkError, open_link
+from flightstack.mavlink.link.byte_link import READ_AT_MOST_BYTES
+from flightstack.mavlink.link.memory_link import memory_pair
+from flightstack.mavlink.link.serial_link import SerialLink
+from flightstack.mavlink.link.stream_link import WRITE_BACKLOG_BYTES
+from flightstack.mavlink.link.tcp_link import TcpServerLink
+from flightstack.mavlink.link.udp_link import UdpInLink
 
 
 @dataclasses.dataclass
@@ -283,6 +282,62 @@ def test_a_serial_port_may_be_unplugged_and_come_back(tmp_path, eventually):
     assert (link.problem, link.reconnects) == ("", 1)
     link.close()
     end.close()
+
+
+class SlowPort:
+    """Opens at once the first time; later it takes until the test lets it."""
+
+    def __init__(self) -> None:
+        self.may_open = threading.Event()
+        self.attempts = 0
+
+    def open(self, path: str, baud: int) -> serial.Serial:
+        self.attempts += 1
+        if self.attempts > 1:
+            assert self.may_open.wait(20.0)
+        return serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
+
+
+def test_no_tick_waits_for_a_serial_port_that_is_slow_to_come_back(tmp_path, eventually):
+    end, path = _open_pty()
+    port = tmp_path / "ttypixhawk"
+    port.symlink_to(path)
+    slow = SlowPort()
+    link = SerialLink("pixhawk", str(port), 57600, slow.open)
+    _introduce(Pair(link, end), eventually)
+    end.close()
+    port.unlink()
+    eventually(lambda: link.read() or link.problem)
+    end, path = _open_pty()
+    port.symlink_to(path)
+    eventually(lambda: link.read() or slow.attempts == 2)
+    told = link.problem
+    for _ in range(1000):
+        assert link.read() == b""
+        link.write(b"setpoint")
+    assert (slow.attempts, link.problem, link.reconnects) == (2, told, 0)
+    assert link.dropped_bytes >= 8000
+    slow.may_open.set()
+    _introduce(Pair(link, end), eventually)
+    assert (link.problem, link.reconnects) == ("", 1)
+    link.close()
+    end.close()
+
+
+def test_a_serial_link_that_is_closed_while_it_opens_leaves_nothing_open(tmp_path, eventually):
+    end, path = _open_pty()
+    port = tmp_path / "ttypixhawk"
+    port.symlink_to(path)
+    slow = SlowPort()
+    link = SerialLink("pixhawk", str(port), 57600, slow.open)
+    _introduce(Pair(link, end), eventually)
+    end.close()
+    eventually(lambda: link.read() or slow.attempts == 2)
+    slow.may_open.set()
+    link.close()
+    assert [thread for thread in threading.enumerate() if str(port) in thread.name] == []
+    assert link.read() == b""
+    assert slow.attempts == 2
 
 
 # -- what a person may write ---------------------------------------------------------------------------------------

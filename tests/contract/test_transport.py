@@ -16,12 +16,12 @@ from flightstack.transport.zenoh_transport import ZenohTransport
 ALL = (STATE, TREE, COMMAND, OUTCOME, EVENT)
 
 
-class Node(Transport, Protocol):
+class NodeUnderTest(Transport, Protocol):
     def alive(self) -> set[str]: ...
 
 
-class Network(Protocol):
-    def join(self, name: int | str, receives: Sequence[Topic] = ALL) -> Node: ...
+class NetworkUnderTest(Protocol):
+    def join(self, name: int | str, receives: Sequence[Topic] = ALL) -> NodeUnderTest: ...
 
     def turn(self) -> None:
         """Let what is under way arrive, or come nearer to it."""
@@ -32,7 +32,7 @@ class RadioNetwork:
     def __init__(self) -> None:
         self._radio = MemoryRadio(seed=1)
 
-    def join(self, name: int | str, receives: Sequence[Topic] = ALL) -> Node:
+    def join(self, name: int | str, receives: Sequence[Topic] = ALL) -> NodeUnderTest:
         return self._radio.join(name, receives)
 
     def turn(self) -> None:
@@ -45,9 +45,9 @@ class ZenohNetwork:
     def __init__(self, free_port: Callable[[], int]) -> None:
         self._free_port = free_port
         self._seed: tuple[str, ...] = ()
-        self._nodes: list[Node] = []
+        self._nodes: list[NodeUnderTest] = []
 
-    def join(self, name: int | str, receives: Sequence[Topic] = ALL) -> Node:
+    def join(self, name: int | str, receives: Sequence[Topic] = ALL) -> NodeUnderTest:
         endpoint = f"tcp/127.0.0.1:{self._free_port()}"
         node = ZenohTransport("contract", name, (endpoint,), self._seed, receives)
         self._seed = self._seed or (endpoint,)
@@ -63,7 +63,7 @@ class ZenohNetwork:
 
 
 @pytest.fixture(params=["radio", "zenoh"])
-def network(request: pytest.FixtureRequest, free_port: Callable[[], int]) -> Iterator[Network]:
+def network(request: pytest.FixtureRequest, free_port: Callable[[], int]) -> Iterator[NetworkUnderTest]:
     if request.param == "radio":
         yield RadioNetwork()
         return
@@ -73,7 +73,9 @@ def network(request: pytest.FixtureRequest, free_port: Callable[[], int]) -> Ite
 
 
 @pytest.fixture
-def until(network: Network, eventually: Callable[..., None]) -> Callable[[Callable[[], object]], None]:
+def until(
+    network: NetworkUnderTest, eventually: Callable[..., None]
+) -> Callable[[Callable[[], object]], None]:
     def wait(condition: Callable[[], object]) -> None:
         def turned() -> object:
             network.turn()
@@ -87,7 +89,7 @@ def until(network: Network, eventually: Callable[..., None]) -> Callable[[Callab
 class Ear:
     """Everything that a node has received so far."""
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: NodeUnderTest) -> None:
         self.node = node
         self.heard: list[Received] = []
 
@@ -99,7 +101,7 @@ class Ear:
         return [message.payload for message in self.listen() if message.topic is topic]
 
 
-def _introduce(until: Callable[[Callable[[], object]], None], *nodes: Node) -> None:
+def _introduce(until: Callable[[Callable[[], object]], None], *nodes: NodeUnderTest) -> None:
     """Wait until every node has heard every other one, and nothing of that is left."""
     ears = [Ear(node) for node in nodes]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import pathlib
 
 import msgspec
 import pytest
@@ -16,8 +15,8 @@ from flightstack.transport.memory import Conditions, MemoryRadio
 from mission.geometry.geofence import LocalFence
 from mission.strategies.contract import Stage
 from simvehicle.scenario.swarm import Scenario
-from simvehicle.survey.launch import plan
-from simvehicle.survey.survey_file import load
+from simvehicle.survey.draft import Draft, draft, in_process
+from simvehicle.survey.survey_file import parse_survey
 
 SURVEY = """
 name: scenario
@@ -36,8 +35,13 @@ seed: SEED
 """
 
 
+def drafted(count: int = 5, flavour: str = "ardupilot", seed: int = 1) -> Draft:
+    text = SURVEY.replace("COUNT", str(count)).replace("FLAVOUR", flavour).replace("SEED", str(seed))
+    survey = parse_survey(text, "scenario")
+    return draft(survey, in_process(survey))
+
+
 def scenario(
-    directory: pathlib.Path,
     *,
     count: int = 5,
     flavour: str = "ardupilot",
@@ -46,11 +50,8 @@ def scenario(
     starts: tuple[int, ...] = (0,),
 ) -> Scenario:
     """A flight that has begun. `starts`: whom each start command is for, 0: everybody."""
-    file = directory / "survey.yaml"
-    text = SURVEY.replace("COUNT", str(count)).replace("FLAVOUR", flavour).replace("SEED", str(seed))
-    file.write_text(text, encoding="utf-8")
-    drafted = plan(load(file), directory)
-    flight = Scenario(drafted.drones, drafted.fleet, radio)
+    parts = drafted(count, flavour, seed)
+    flight = Scenario(parts.drones, parts.fleet, radio)
     flight.run(2.0)
     for target in starts:
         flight.command(CommandName.START, target)
@@ -66,7 +67,7 @@ def assert_found(flight: Scenario, limit_s: float = 900.0) -> None:
     """The flight ends with everybody down, the source found within 5 m, nobody too near, nobody over the fence."""
     assert flight.run_until(lambda: all_landed(flight), limit_s), flight.phases()
     assert flight.source_ned_m is not None
-    assert math.dist(flight.source_ned_m[:2], flight.world.plume.source_ned_m[:2]) < 5.0
+    assert math.dist(flight.source_ned_m[:2], flight.world.gas.source_ned_m[:2]) < 5.0
     assert flight.min_separation_m > 4.0
     assert [event.text for _, event in flight.events if event.code == "defect"] == []
 
@@ -78,8 +79,8 @@ def fence_of(flight: Scenario) -> LocalFence:
 
 
 @pytest.mark.parametrize("flavour", ["ardupilot", "px4"])
-def test_five_drones_find_the_source_and_land_at_home(tmp_path: pathlib.Path, flavour: str) -> None:
-    flight = scenario(tmp_path, flavour=flavour)
+def test_five_drones_find_the_source_and_land_at_home(flavour: str) -> None:
+    flight = scenario(flavour=flavour)
     fence = fence_of(flight)
     inside = True
 
@@ -99,10 +100,8 @@ def test_five_drones_find_the_source_and_land_at_home(tmp_path: pathlib.Path, fl
 
 
 @pytest.mark.parametrize("starts", [(3, 1, 0), (1, 2, 3, 5)], ids=["two-operators", "one-did-not-hear-it"])
-def test_drones_that_took_different_starts_fly_one_survey(
-    tmp_path: pathlib.Path, starts: tuple[int, ...]
-) -> None:
-    flight = scenario(tmp_path, starts=starts)
+def test_drones_that_took_different_starts_fly_one_survey(starts: tuple[int, ...]) -> None:
+    flight = scenario(starts=starts)
     again = flight.command(CommandName.START)
     flight.run(1.0)
     accepted = {o.sender for o in flight.outcomes if (o.command, o.result) == (again, Result.ACCEPTED)}
@@ -119,8 +118,8 @@ def test_drones_that_took_different_starts_fly_one_survey(
 
 
 @pytest.mark.parametrize("victim", [1, 3, 5])
-def test_an_agent_killed_in_flight_is_healed_around(tmp_path: pathlib.Path, victim: int) -> None:
-    flight = scenario(tmp_path, seed=victim)
+def test_an_agent_killed_in_flight_is_healed_around(victim: int) -> None:
+    flight = scenario(seed=victim)
     flight.run(40.0)
     flight.kill(victim)
     orphan = flight.members[victim].vehicle
@@ -132,8 +131,8 @@ def test_an_agent_killed_in_flight_is_healed_around(tmp_path: pathlib.Path, vict
     assert max(tree.heals for tree in flight.trees.values()) == 1
 
 
-def test_two_members_lost_at_once_and_a_third_later(tmp_path: pathlib.Path) -> None:
-    flight = scenario(tmp_path, seed=7)
+def test_two_members_lost_at_once_and_a_third_later() -> None:
+    flight = scenario(seed=7)
     flight.run(45.0)
     flight.kill(1)
     flight.kill(2)
@@ -142,9 +141,9 @@ def test_two_members_lost_at_once_and_a_third_later(tmp_path: pathlib.Path) -> N
     assert_found(flight, 1200.0)
 
 
-def test_a_vehicle_that_hovers_in_the_roots_slot_does_not_stop_the_swarm(tmp_path: pathlib.Path) -> None:
+def test_a_vehicle_that_hovers_in_the_roots_slot_does_not_stop_the_swarm() -> None:
     """The root's agent dies when it has just formed up, and nobody takes its vehicle away."""
-    flight = scenario(tmp_path)
+    flight = scenario()
     assert flight.run_until(lambda: flight.members[1].agent.phase.phase is Phase.SEARCHING, 60.0)
     flight.kill(1)
     assert flight.run_until(lambda: flight.phases() <= {Phase.SEARCHING, Phase.TRACKING}, 90.0), (
@@ -159,9 +158,9 @@ def test_a_vehicle_that_hovers_in_the_roots_slot_does_not_stop_the_swarm(tmp_pat
     assert flight.min_separation_m > 4.0
 
 
-def test_an_heir_does_not_wait_long_for_a_slot_in_which_a_vehicle_hovers(tmp_path: pathlib.Path) -> None:
+def test_an_heir_does_not_wait_long_for_a_slot_in_which_a_vehicle_hovers() -> None:
     """The root's agent dies in flight; its vehicle stays exactly where its heir is to go."""
-    flight = scenario(tmp_path, seed=2)
+    flight = scenario(seed=2)
     flight.run(40.0)
     flight.kill(1)
     assert flight.run_until(lambda: flight.states[4].healing, 8.0)
@@ -170,16 +169,16 @@ def test_an_heir_does_not_wait_long_for_a_slot_in_which_a_vehicle_hovers(tmp_pat
     assert flight.min_separation_m > 4.0
 
 
-def test_a_radio_that_loses_a_third_of_everything(tmp_path: pathlib.Path) -> None:
+def test_a_radio_that_loses_a_third_of_everything() -> None:
     radio = MemoryRadio(
         seed=3, conditions=Conditions(loss=0.33, delay_s=0.05, jitter_s=0.05, duplication=0.1)
     )
-    assert_found(scenario(tmp_path, seed=3, radio=radio))
+    assert_found(scenario(seed=3, radio=radio))
 
 
-def test_a_drone_whose_radio_fails_goes_home_and_does_not_search_on_its_own(tmp_path: pathlib.Path) -> None:
+def test_a_drone_whose_radio_fails_goes_home_and_does_not_search_on_its_own() -> None:
     """Nobody hears it and it hears nobody: searching on it would meet the others at the same points of the spiral."""
-    flight = scenario(tmp_path, seed=2)
+    flight = scenario(seed=2)
     flight.run(40.0)
     flight.radio.switch_off(3)
     flight.run(6.0)
@@ -192,11 +191,9 @@ def test_a_drone_whose_radio_fails_goes_home_and_does_not_search_on_its_own(tmp_
 
 
 @pytest.mark.parametrize("apart", [{1, 2}, {4, 5}], ids=["with-the-root", "without-the-root"])
-def test_the_smaller_part_of_a_swarm_that_comes_apart_goes_home(
-    tmp_path: pathlib.Path, apart: set[int]
-) -> None:
+def test_the_smaller_part_of_a_swarm_that_comes_apart_goes_home(apart: set[int]) -> None:
     """A ridge stands between them: two swarms on one spiral would meet, and neither hears the other come."""
-    flight = scenario(tmp_path, seed=1)
+    flight = scenario(seed=1)
     flight.run(80.0)  # by now the search has left the launch points, over which the others will land
     flight.radio.cut("ridge", apart)
     flight.run(6.0)
@@ -208,8 +205,8 @@ def test_the_smaller_part_of_a_swarm_that_comes_apart_goes_home(
     assert_found(flight)
 
 
-def test_an_unplugged_co2_instrument_leaves_the_others_tracking(tmp_path: pathlib.Path) -> None:
-    flight = scenario(tmp_path, seed=4)
+def test_an_unplugged_co2_instrument_leaves_the_others_tracking() -> None:
+    flight = scenario(seed=4)
     flight.run(40.0)
     flight.unplug(2, "co2")
     flight.run(20.0)
@@ -218,11 +215,11 @@ def test_an_unplugged_co2_instrument_leaves_the_others_tracking(tmp_path: pathli
     assert_found(flight)
 
 
-def test_a_pilots_mode_switch_ends_our_authority_and_the_swarm_goes_on(tmp_path: pathlib.Path) -> None:
-    flight = scenario(tmp_path, seed=5)
+def test_a_pilots_mode_switch_ends_our_authority_and_the_swarm_goes_on() -> None:
+    flight = scenario(seed=5)
     flight.run(45.0)
     pilot = flight.members[4]
-    pilot.vehicle.autopilot.set_mode(5)  # LOITER, as by the remote control's switch
+    pilot.vehicle.switch_mode(5)  # LOITER, as by the remote control's switch
     sent: list[bytes] = []
     flight.tap = lambda drone, _now, _inputs, outputs: sent.append(outputs.autopilot) if drone == 4 else None
     flight.run(5.0)
@@ -234,8 +231,8 @@ def test_a_pilots_mode_switch_ends_our_authority_and_the_swarm_goes_on(tmp_path:
     assert_found(flight)
 
 
-def test_pause_holds_everybody_and_resume_goes_on(tmp_path: pathlib.Path) -> None:
-    flight = scenario(tmp_path, seed=6)
+def test_pause_holds_everybody_and_resume_goes_on() -> None:
+    flight = scenario(seed=6)
     flight.run(45.0)
     pause = flight.command(CommandName.PAUSE)
     flight.run(8.0)
@@ -250,8 +247,8 @@ def test_pause_holds_everybody_and_resume_goes_on(tmp_path: pathlib.Path) -> Non
 
 
 @pytest.mark.parametrize("name", [CommandName.ABORT, CommandName.RTL, CommandName.LAND])
-def test_commands_that_end_a_survey_bring_everybody_down(tmp_path: pathlib.Path, name: CommandName) -> None:
-    flight = scenario(tmp_path, seed=8)
+def test_commands_that_end_a_survey_bring_everybody_down(name: CommandName) -> None:
+    flight = scenario(seed=8)
     flight.run(50.0)
     flight.command(name)
     assert flight.run_until(lambda: all_landed(flight), 200.0), flight.phases()
@@ -263,19 +260,19 @@ def test_commands_that_end_a_survey_bring_everybody_down(tmp_path: pathlib.Path,
             assert math.dist(state.position_ned_m[:2], state.home_ned_m[:2]) < 2.0
 
 
-def test_a_drone_whose_motors_stop_in_the_air_is_told_to_be_down(tmp_path: pathlib.Path) -> None:
-    flight = scenario(tmp_path, seed=8)
+def test_a_drone_whose_motors_stop_in_the_air_is_told_to_be_down() -> None:
+    flight = scenario(seed=8)
     flight.run(40.0)
-    flight.members[2].vehicle.autopilot.disarm("Crash: Disarming")
+    flight.members[2].vehicle.stop_motors("Crash: Disarming")
     assert flight.run_until(lambda: 2 not in dict(flight.trees[1].slots), 15.0)
     told = {e.code: e.text for at_s, e in flight.events if e.sender == 2 and at_s > flight.now_s - 15.0}
     assert told["down"] == "landed: disarmed during the survey"
     assert "leaving" not in told
 
 
-def test_a_drone_on_the_ground_does_not_start_a_survey_of_its_own(tmp_path: pathlib.Path) -> None:
+def test_a_drone_on_the_ground_does_not_start_a_survey_of_its_own() -> None:
     """Landed by command, then the operator starts again while the others still fly."""
-    flight = scenario(tmp_path, seed=8)
+    flight = scenario(seed=8)
     flight.run(30.0)
     flight.command(CommandName.LAND, 4)
     assert flight.run_until(lambda: flight.members[4].agent.phase.phase is Phase.LANDED, 60.0)
@@ -287,28 +284,26 @@ def test_a_drone_on_the_ground_does_not_start_a_survey_of_its_own(tmp_path: path
     assert flight.members[4].agent.phase.phase is Phase.LANDED
 
 
-def test_a_weak_battery_announces_its_own_loss(tmp_path: pathlib.Path) -> None:
-    flight = scenario(tmp_path, seed=9)
+def test_a_weak_battery_announces_its_own_loss() -> None:
+    flight = scenario(seed=9)
     flight.run(45.0)
-    flight.members[5].vehicle.autopilot.battery.drop_to(0.2)
+    flight.members[5].vehicle.drop_battery_to(0.2)
     assert flight.run_until(lambda: 5 not in dict(flight.trees[1].slots), 15.0)
     assert_found(flight)
 
 
-def test_the_same_inputs_give_the_same_outputs(tmp_path: pathlib.Path) -> None:
+def test_the_same_inputs_give_the_same_outputs() -> None:
     """A recorded flight replays byte for byte: the root's and a leaf's, through a heal."""
-    flight = scenario(tmp_path, seed=10)
+    flight = scenario(seed=10)
     configs: dict[int, DroneConfig] = {d: m.config for d, m in flight.members.items()}
-    again = scenario(tmp_path, seed=10)
+    again = scenario(seed=10)
     flown: dict[int, list[tuple[float, Inputs, int]]] = {1: [], 4: []}
 
     def tap(drone: int, now_s: float, inputs: Inputs, outputs: Outputs) -> None:
         if drone in flown:
             flown[drone].append((now_s, inputs, fingerprint(outputs)))
 
-    fresh = Scenario(
-        list(configs.values()), plan(load(tmp_path / "survey.yaml"), tmp_path).fleet, MemoryRadio(seed=10)
-    )
+    fresh = Scenario(list(configs.values()), drafted(seed=10).fleet, MemoryRadio(seed=10))
     fresh.tap = tap
     fresh.run(2.0)
     fresh.command(CommandName.START)

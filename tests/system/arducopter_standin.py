@@ -10,8 +10,10 @@ import threading
 import time
 
 from mission.geometry.frames import Geodetic
-from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec, WindConfig
+from simvehicle.drone.drone_spec import VehicleSpec
+from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.fleet.process import Fleet
+from simvehicle.world.world_config import WindConfig
 
 PERIOD_WALL_S = 0.005
 MOST_S = 0.1

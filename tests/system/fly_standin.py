@@ -36,7 +36,7 @@ FAILSAFE_S = 6.0
 """Silence after which a stand-in vehicle goes home by itself."""
 
 
-class Told(msgspec.Struct, array_like=True):
+class ToldPlace(msgspec.Struct, array_like=True):
     """What an agent tells the vehicles' stand-in, through a file."""
 
     time_s: float
@@ -88,7 +88,7 @@ def agent(config: DroneConfig) -> None:
             tree = TreeState(config.drone, os.getpid(), 7, 0, 1, slots, (), order, (), 0)
             transport.publish(topics.TREE, topics.TREE.codec.encode(tree))
         told = file.with_suffix(".new")
-        told.write_bytes(msgspec.json.encode(Told(now_s, where, airborne)))
+        told.write_bytes(msgspec.json.encode(ToldPlace(now_s, where, airborne)))
         told.replace(file)
         clock.sleep_until(now_s + 0.5)
 
@@ -114,23 +114,23 @@ def _home(config: DroneConfig) -> Vector3:
 def vehicles(fleet: FleetConfig) -> None:
     assert fleet.truth is not None
     assert fleet.clock is not None
-    pace = FleetClock(fleet.speedup, Cells(fleet.clock))
+    fleet_clock = FleetClock(fleet.speedup, Cells(fleet.clock))
     directory = pathlib.Path(fleet.truth).parent
     with pathlib.Path(fleet.truth).open("w", encoding="utf-8") as truth:
         truth.write(",".join(COLUMNS) + "\n")
         tick = 0
         while True:
             tick += 1
-            while pace.advance() < tick / 10.0:
-                pace.publish()
+            while fleet_clock.advance() < tick / 10.0:
+                fleet_clock.publish()
                 time.sleep(0.002)
-            pace.publish()
+            fleet_clock.publish()
             for vehicle in fleet.vehicles:
                 try:
                     data = (directory / f"drone-{vehicle.id}.told").read_bytes()
                 except FileNotFoundError:
-                    data = msgspec.json.encode(Told(tick / 10.0, (0.0, 10.0 * vehicle.id, 0.0), False))
-                told = msgspec.json.decode(data, type=Told)
+                    data = msgspec.json.encode(ToldPlace(tick / 10.0, (0.0, 10.0 * vehicle.id, 0.0), False))
+                told = msgspec.json.decode(data, type=ToldPlace)
                 silent_s = tick / 10.0 - told.time_s
                 mode = "RTL" if silent_s > FAILSAFE_S else "GUIDED"
                 flies = told.airborne and silent_s < 2.0 * FAILSAFE_S
@@ -155,7 +155,7 @@ def broken(part: str, config: pathlib.Path) -> list[str]:
 def main() -> None:
     part, path = sys.argv[1], pathlib.Path(sys.argv[2])
     if part == "fly":
-        from simvehicle.survey.fly import fly, words
+        from simvehicle.survey.conduct import fly, words
         from simvehicle.survey.survey_file import load as load_survey
 
         flown = fly(load_survey(path), out=pathlib.Path(sys.argv[3]), commands=standin)
@@ -167,7 +167,7 @@ def main() -> None:
     elif part == "agent":
         agent(load(path))
     else:
-        time.sleep(600.0)
+        signal.pause()
 
 
 if __name__ == "__main__":

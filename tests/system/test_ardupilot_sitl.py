@@ -7,16 +7,15 @@ controls on every interface: run it where that does no harm.
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import pathlib
 import stat
 import sys
-import types
 
 import pytest
 
-from simvehicle.survey.fly import fly
+from simvehicle.hil.sitl_fleet import fleet_command
+from simvehicle.survey.conduct import fly
 from simvehicle.survey.supervisor import SurveyOutcome
 from simvehicle.survey.survey_file import load
 
@@ -28,15 +27,6 @@ SPEEDUP = 1.0
 """A real ArduCopter does not wait for an agent that is late: the machine must have time to spare."""
 
 
-def load_fleet_module() -> types.ModuleType:
-    spec = importlib.util.spec_from_file_location("ardupilot_sitl_fleet", HERE / "ardupilot_sitl_fleet.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 @pytest.mark.optional
 @pytest.mark.timeout(3600)
 @pytest.mark.skipif(
@@ -44,7 +34,7 @@ def load_fleet_module() -> types.ModuleType:
 )
 def test_the_survey_with_real_arducopters(tmp_path: pathlib.Path) -> None:
     survey = load(SURVEY, speedup=SPEEDUP)
-    got = fly(survey, out=tmp_path, commands=load_fleet_module().fleet_command).summary
+    got = fly(survey, out=tmp_path, commands=fleet_command).summary
     assert got.outcome == SurveyOutcome.SOURCE_FOUND, got
     assert (got.alive, got.lost_processes, got.fence_breaches) == (len(survey.drones), (), 0)
     assert got.source_error_m is not None
@@ -80,7 +70,7 @@ def test_the_harness_of_real_arducopters_with_stand_ins(
     file.write_text(SHORT, encoding="utf-8")
     monkeypatch.setenv("ARDUCOPTER_SITL", str(program))
     monkeypatch.setenv("ARDUCOPTER_DEFAULTS", os.path.relpath(defaults))
-    flown = fly(load(file), out=tmp_path / "out", commands=load_fleet_module().fleet_command)
+    flown = fly(load(file), out=tmp_path / "out", commands=fleet_command)
     got = flown.summary
     assert (got.outcome, got.alive, got.lost_processes) == (SurveyOutcome.TIME_LIMIT, 2, ()), got
     assert not [text for text in got.warnings if "killed" in text]
@@ -101,6 +91,6 @@ def test_an_arducopter_that_does_not_start_is_named(
     file = tmp_path / "survey.yaml"
     file.write_text(SHORT, encoding="utf-8")
     monkeypatch.setenv("ARDUCOPTER_SITL", str(program))
-    got = fly(load(file), out=tmp_path / "out", commands=load_fleet_module().fleet_command).summary
+    got = fly(load(file), out=tmp_path / "out", commands=fleet_command).summary
     assert got.outcome == SurveyOutcome.FAILED
     assert "arducopter-1 ended (exit code 1): Failed to load defaults" in got.reason

@@ -27,6 +27,9 @@ AWAY = "[[-5.0830, 151.2970], [-5.0830, 151.3030], [-5.0770, 151.3030], [-5.0770
 LINE = "launch_line:\n  count: 5\n  flavour: ardupilot\n  spacing_m: 6.0\n  towards_deg: 50.0\n"
 
 
+MODULES = {"flightstack": "flightstack.cli", "gcs": "gcs.cli.main", "simvehicle": "simvehicle.cli.main"}
+
+
 def run(*arguments: str | pathlib.Path, cwd: pathlib.Path, seconds: float = 60.0) -> tuple[int, str, str]:
     """A command's exit code, output and error output; `arguments` begin with the package."""
     package, *rest = map(str, arguments)
@@ -152,7 +155,7 @@ def test_a_directory_that_cannot_be_written(tmp_path: pathlib.Path) -> None:
     assert line.endswith("cannot be written: File exists; choose another --out")
 
 
-class Drone:
+class DroneFiles:
     """A drone's file for this machine, with free ports."""
 
     def __init__(self, directory: pathlib.Path) -> None:
@@ -174,18 +177,18 @@ class Drone:
 
 
 @pytest.fixture
-def drone(tmp_path: pathlib.Path) -> Drone:
-    return Drone(tmp_path)
+def drone(tmp_path: pathlib.Path) -> DroneFiles:
+    return DroneFiles(tmp_path)
 
 
-def test_an_autopilot_that_never_answers(tmp_path: pathlib.Path, drone: Drone) -> None:
+def test_an_autopilot_that_never_answers(tmp_path: pathlib.Path, drone: DroneFiles) -> None:
     file = drone.write()
     line = refused("flightstack", "run", "--config", file, cwd=tmp_path, log=True)
     assert line.startswith(f"flightstack: {file}:4: autopilot.link: no autopilot with system id 1 answers")
     assert "check the cable" in line
 
 
-def test_an_autopilot_with_another_system_id(tmp_path: pathlib.Path, drone: Drone) -> None:
+def test_an_autopilot_with_another_system_id(tmp_path: pathlib.Path, drone: DroneFiles) -> None:
     """The commonest mistake with new vehicles: all have system id 1."""
     file = drone.write(drone="2")
     over = threading.Event()
@@ -208,27 +211,29 @@ def test_an_autopilot_with_another_system_id(tmp_path: pathlib.Path, drone: Dron
     assert line.endswith("has system id 1, this drone is 2: set its SYSID_THISMAV (PX4: MAV_SYS_ID) to 2")
 
 
-def test_a_connection_that_is_refused(tmp_path: pathlib.Path, drone: Drone) -> None:
+def test_a_connection_that_is_refused(tmp_path: pathlib.Path, drone: DroneFiles) -> None:
     (port,) = free_ports(socket.SOCK_STREAM, 1)
     file = drone.write(autopilot=f'{{link: "tcp:127.0.0.1:{port}", answer_timeout_s: 0.5}}')
     line = refused("flightstack", "run", "--config", file, cwd=tmp_path, log=True)
     assert f"answers: tcp:127.0.0.1:{port}: Connection refused; " in line
 
 
-def test_an_instrument_that_is_absent_is_a_state_and_no_error(tmp_path: pathlib.Path, drone: Drone) -> None:
+def test_an_instrument_that_is_absent_is_a_state_and_no_error(
+    tmp_path: pathlib.Path, drone: DroneFiles
+) -> None:
     file = drone.write(instruments="[{name: co2, type: sba5, port: /dev/ttynone}]")
     line = refused("flightstack", "run", "--config", file, cwd=tmp_path, log=True)
     assert "no autopilot with system id 1 answers" in line
 
 
-def test_a_serial_port_that_is_absent(tmp_path: pathlib.Path, drone: Drone) -> None:
+def test_a_serial_port_that_is_absent(tmp_path: pathlib.Path, drone: DroneFiles) -> None:
     file = drone.write(autopilot='{link: "/dev/ttynone,115200"}')
     line = refused("flightstack", "run", "--config", file, cwd=tmp_path)
     assert line.startswith(f"flightstack: {file}:4: autopilot.link: ")
     assert line.endswith("there is no port /dev/ttynone; is the device plugged in and switched on?")
 
 
-def test_ports_in_use(tmp_path: pathlib.Path, drone: Drone) -> None:
+def test_ports_in_use(tmp_path: pathlib.Path, drone: DroneFiles) -> None:
     file = drone.write()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", drone.udp))
@@ -264,7 +269,7 @@ def test_the_port_of_an_emulated_instrument_in_use(tmp_path: pathlib.Path) -> No
         assert "Address already in use" in line
 
 
-def test_recordings_that_cannot_be_made(tmp_path: pathlib.Path, drone: Drone) -> None:
+def test_recordings_that_cannot_be_made(tmp_path: pathlib.Path, drone: DroneFiles) -> None:
     (tmp_path / "taken").write_text("")
     file = drone.write(record_to=str(tmp_path / "taken" / "flights"))
     line = refused("flightstack", "run", "--config", file, cwd=tmp_path)
@@ -273,10 +278,10 @@ def test_recordings_that_cannot_be_made(tmp_path: pathlib.Path, drone: Drone) ->
 
 
 @pytest.fixture
-def first_agent(tmp_path: pathlib.Path) -> Iterator[Drone]:
+def first_agent(tmp_path: pathlib.Path) -> Iterator[DroneFiles]:
     """An agent that is drone 1 and waits for its autopilot."""
     (tmp_path / "first").mkdir()
-    first = Drone(tmp_path / "first")
+    first = DroneFiles(tmp_path / "first")
     file = first.write(autopilot=f'{{link: "udpin:127.0.0.1:{first.udp}"}}')
     log = tmp_path / "first.log"
     with log.open("wb") as out:
@@ -299,10 +304,10 @@ def first_agent(tmp_path: pathlib.Path) -> Iterator[Drone]:
             process.wait()
 
 
-def test_two_drones_with_one_id(tmp_path: pathlib.Path, first_agent: Drone) -> None:
+def test_two_drones_with_one_id(tmp_path: pathlib.Path, first_agent: DroneFiles) -> None:
     """The newcomer gives way; the one that is there already stays."""
     (tmp_path / "second").mkdir()
-    second = Drone(tmp_path / "second")
+    second = DroneFiles(tmp_path / "second")
     file = second.write(
         swarm=f"{{name: lonely, members: [1, 2], connect: [tcp/127.0.0.1:{first_agent.tcp}]}}",
         autopilot=f'{{link: "udpin:127.0.0.1:{second.udp}"}}',

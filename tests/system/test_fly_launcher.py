@@ -17,7 +17,7 @@ import pytest
 
 from flightstack.recording.shared_clock import Cells
 from simvehicle.survey import launch
-from simvehicle.survey.fly import HEARD_WITHIN_S, Flown, fly, write_report
+from simvehicle.survey.conduct import HEARD_WITHIN_S, Flown, fly, write_report
 from simvehicle.survey.supervisor import SurveyOutcome
 from simvehicle.survey.survey_file import Kill, load
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import pathlib
 import signal
@@ -11,7 +12,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import msgspec
 import pytest
@@ -167,7 +168,8 @@ def test_an_orphan_is_brought_home(tmp_path):
     ):
         pilot.take_off(10.0)
         pilot.talking = {1, 2}
-        time.sleep(3.0)
+        beats = itertools.count()  # one a simulated second
+        pilot.wait_for(lambda m: m.get_type() == "HEARTBEAT" and next(beats) >= 3.0 * SPEEDUP)
         pilot.wait_for(lambda m: m.get_type() == "HEARTBEAT" and m.custom_mode == 4)
         pilot.talking = {2}
         pilot.wait_for(lambda m: m.get_type() == "HEARTBEAT" and m.custom_mode == 6)
@@ -191,12 +193,12 @@ def test_an_orphan_is_brought_home(tmp_path):
         (row,) = [row for row in json.loads(status.stdout)["drones"] if row["drone"] == 1]
         # The agent fell silent before this command listened, so to it the agent was never heard.
         assert (row["agent"], row["vehicle"], row["mode"], row["armed"]) == ("never", "live", "RTL", False)
-        time.sleep(2.0)
+        (timeline,) = (tmp_path / "flights").glob("swarm-*.mcap")
+        wait_until(lambda: len(actions_of(timeline)) >= 3)
         station.send_signal(signal.SIGTERM)
         assert station.wait(20) == 0
-    (timeline,) = (tmp_path / "flights").glob("swarm-*.mcap")
     records = list(read_recording(timeline))
-    actions = [record.message["text"] for record in records if record.topic == "/action"]
+    actions = actions_of(timeline)
     assert "commanded to return" in actions[0]
     assert "is in RTL" in actions[1]
     assert "on the ground" in actions[2]
@@ -208,6 +210,18 @@ def test_an_orphan_is_brought_home(tmp_path):
         kinds.add((message.get_srcSystem(), message.get_type()))
     log.close()
     assert {(1, "HEARTBEAT"), (1, "GLOBAL_POSITION_INT"), (255, "COMMAND_LONG"), (1, "COMMAND_ACK")} <= kinds
+
+
+def actions_of(timeline: pathlib.Path) -> list[str]:
+    """What the station has told so far of what it does."""
+    return [record.message["text"] for record in read_recording(timeline) if record.topic == "/action"]
+
+
+def wait_until(condition: Callable[[], object], limit_s: float = 60.0) -> None:
+    deadline_s = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < deadline_s, "it never happened"
+        time.sleep(0.1)
 
 
 PLAN = pathlib.Path(__file__).parents[1] / "data" / "plans" / "crater.plan"

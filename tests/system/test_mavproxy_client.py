@@ -20,10 +20,11 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from mission.geometry.frames import Geodetic
-from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec
+from simvehicle.drone.drone_spec import VehicleSpec
+from simvehicle.drone.simulated_vehicle import SimulatedVehicle
+from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.fleet.process import Fleet, run
 from simvehicle.survey.ports import free_port
-from simvehicle.vehicle.simulated_vehicle import SimulatedVehicle
 
 pytestmark = [pytest.mark.system, pytest.mark.optional, pytest.mark.timeout(600)]
 
@@ -126,7 +127,7 @@ def vehicle(port: int) -> Iterator[SimulatedVehicle]:
     stop = threading.Event()
     thread = threading.Thread(target=run, args=(fleet, stop))
     thread.start()
-    yield fleet.members[1].vehicle
+    yield fleet.drones.by_id[1].vehicle
     stop.set()
     thread.join()
 
@@ -137,7 +138,7 @@ def test_mavproxy_flies_it(
     console = Console(mavproxy, port, tmp_path)
     try:
         # Not by its texts: a slow MAVProxy comes after the last of them.
-        console.until("discovery, parameters", lambda said: "Received" in said and vehicle.autopilot.ready)
+        console.until("discovery, parameters", lambda said: "Received" in said and vehicle.ready)
         _parameters(console, vehicle)
         _lists(console, vehicle, tmp_path)
         _flight(console, vehicle)
@@ -163,7 +164,7 @@ def _lists(console: Console, vehicle: SimulatedVehicle, directory: pathlib.Path)
     ]
     mission.write_text("QGC WPL 110\n" + "".join(row.replace(" ", "\t") + "\n" for row in rows))
     console.type(f"wp load {mission}")
-    console.until("the mission loaded", lambda _: len(vehicle.autopilot.missions.lists[0]) == 4)
+    console.until("the mission loaded", lambda _: len(vehicle.autopilot.lists[0]) == 4)
     console.type("wp list")
     console.until("the mission listed", lambda said: "-5.05980" in said and "12.0" in said)
     fence = directory / "fence.txt"
@@ -171,8 +172,8 @@ def _lists(console: Console, vehicle: SimulatedVehicle, directory: pathlib.Path)
     vertices = [f"{n} 0 3 5001 4 0 0 0 {lat} {lon} 0 1" for n, (lat, lon) in enumerate(corners)]
     fence.write_text("QGC WPL 110\n" + "".join(row.replace(" ", "\t") + "\n" for row in vertices))
     console.type(f"fence load {fence}")
-    console.until("the fence loaded", lambda _: len(vehicle.autopilot.fence) == 1)
-    assert vehicle.autopilot.fence[0].contains(0.0, 0.0)
+    console.until("the fence loaded", lambda _: len(vehicle.autopilot.fence.areas) == 1)
+    assert vehicle.autopilot.fence.areas[0].contains(0.0, 0.0)
 
 
 def _flight(console: Console, vehicle: SimulatedVehicle) -> None:

@@ -14,10 +14,12 @@ from typing import Any
 import pytest
 
 from mission.geometry.frames import Geodetic
-from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec, WindConfig
+from simvehicle.drone.drone_spec import VehicleSpec
+from simvehicle.drone.simulated_vehicle import SimulatedVehicle
+from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.fleet.process import Fleet, run
 from simvehicle.survey.ports import free_port
-from simvehicle.vehicle.simulated_vehicle import SimulatedVehicle
+from simvehicle.world.world_config import WindConfig
 
 pytestmark = pytest.mark.system
 mavsdk = pytest.importorskip("mavsdk.asyncio", reason="needs the extra 'ground' (mavsdk)")
@@ -53,7 +55,7 @@ def flying(flavour: str, port: int) -> Iterator[SimulatedVehicle]:
     thread = threading.Thread(target=run, args=(fleet, stop))
     thread.start()
     try:
-        yield fleet.members[3].vehicle
+        yield fleet.drones.by_id[3].vehicle
     finally:
         stop.set()
         thread.join()
@@ -223,7 +225,8 @@ async def take_off(client: Client, vehicle: SimulatedVehicle) -> None:
 
 
 async def go_to(client: Client, vehicle: SimulatedVehicle) -> None:
-    await asyncio.sleep(0.5)  # PX4 changes from its take-off mode to Hold by itself
+    # PX4 changes from its take-off mode to Hold by itself, and would leave the goal for it.
+    await until("the take-off is over", lambda: vehicle.mode != "TAKEOFF")
     await client.action.goto_location(-5.0598, 151.3, 512.0, 0.0)
     await until("22 m north, 12 m up", lambda: at(vehicle, 22.1, 0.0, 12.0))
 

@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import msgspec
 
-from simvehicle.trials.cell import Cell, FailureKind, PlumeKind, Strategy
+from simvehicle.experiments.experiment import Experiment, Options
+from simvehicle.trials.cell import Cell, FailureKind, PlumeKind
 from simvehicle.trials.trials_error import TrialsError
 
-NAMES = ("locus-1", "locus-2", "locus-3", "locus-4")
+_TITLES = {
+    "locus-1": "Time to contact and to max flux",
+    "locus-2": "Time to contact and to max flux",
+    "locus-3": "Generic failures",
+    "locus-4": "Failures in the plume",
+}
+NAMES = tuple(_TITLES)
 _FAILURE: dict[str, FailureKind] = {
     "locus-1": "none",
     "locus-2": "none",
@@ -34,37 +41,8 @@ FULL_RATES = _rates((1, 2, 3, 4, 5, 6, 7, 8, 9))
 """46 rates: nine a decade."""
 
 
-class Options(msgspec.Struct, frozen=True, kw_only=True):
-    """What a person may choose; None or empty: the experiment's own."""
-
-    sizes: tuple[int, ...] = ()
-    rates: tuple[float, ...] = ()
-    strategies: tuple[Strategy, ...] = ("locus", "mobs")
-    plumes: tuple[PlumeKind, ...] = ()
-    quick: bool = False
-    full: bool = False
-    trials: int | None = None
-    base: Cell = Cell()
-    """Arena, motion and formation of all cells."""
-
-
-class Experiment(msgspec.Struct, frozen=True):
-    name: str
-    cells: tuple[Cell, ...]
-    """The cells whose rows are reported."""
-    compared: tuple[Cell, ...]
-    """Further cells that a verdict needs."""
-    trials: int
-
-    @property
-    def by_rate(self) -> bool:
-        return _FAILURE[self.name] != "none"
-
-
 def define(name: str, options: Options) -> Experiment:
-    """The experiment called `name`. `TrialsError` names what is impossible."""
-    if name not in NAMES:
-        raise TrialsError(f"no experiment is called {name!r}; there are {', '.join(NAMES)}")
+    """The experiment called `name`, one of NAMES. `TrialsError` names what is impossible."""
     failure = _FAILURE[name]
     if options.rates and failure == "none":
         raise TrialsError(f"{name} has no failures; --rates belongs to locus-3 and locus-4")
@@ -112,7 +90,7 @@ def define(name: str, options: Options) -> Experiment:
             raise TrialsError(problems[0])
     if not cells:
         raise TrialsError(f"{name}: nothing to run")
-    return Experiment(name, _once(cells), _once(compared), trials)
+    return Experiment(name, _TITLES[name], _once(cells), _once(compared), trials)
 
 
 def _once(cells: list[Cell]) -> tuple[Cell, ...]:

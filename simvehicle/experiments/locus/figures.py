@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pathlib
 from typing import Any
 
 import matplotlib as mpl
@@ -131,8 +130,3 @@ def rates(summaries: list[dict[str, Any]], title: str) -> Figure:
         panels[0].legend(frameon=False, fontsize=9, loc="lower left")
         figure.suptitle(title)
         return figure
-
-
-def save(figure: Figure, path: pathlib.Path) -> None:
-    """Write a PNG of moderate size."""
-    figure.savefig(path, dpi=110)

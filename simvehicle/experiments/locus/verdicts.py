@@ -3,31 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
 
-import msgspec
 import numpy as np
 import pandas as pd
 
-from simvehicle.experiments.locus.definitions import Experiment
-from simvehicle.experiments.statistics import (
-    Interval,
-    bootstrap,
-    deviation_ratio,
-    mean_difference,
-    wilson,
-)
+from simvehicle.experiments.claims import BEGINS, above, begins_to_fail, larger_deviation, larger_mean, within
+from simvehicle.experiments.experiment import Experiment, Verdict
+from simvehicle.experiments.statistics import Interval, bootstrap, mean_difference, mean_ratio
 from simvehicle.experiments.table import columns, select
 from simvehicle.trials.cell import Cell
-
-Outcome = Literal["holds", "does not hold", "undecided"]
-
-
-class Verdict(msgspec.Struct, frozen=True):
-    claim: str
-    verdict: Outcome
-    statistic: str
-    """The numbers that decided it."""
 
 
 def judge(experiment: Experiment, rows: pd.DataFrame) -> list[Verdict]:
@@ -38,46 +22,6 @@ def judge(experiment: Experiment, rows: pd.DataFrame) -> list[Verdict]:
     if experiment.name == "locus-2":
         found += _perturbed(experiment, rows)
     return found + _beyond(experiment, rows)
-
-
-def _pairs(rows: pd.DataFrame, a: Cell, b: Cell, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """One column of two cells' paired trials, where both have it."""
-    first, second = columns(rows, a, name), columns(rows, b, name)
-    both = np.isfinite(first) & np.isfinite(second)
-    return first[both], second[both]
-
-
-def _above(interval: Interval, least: float) -> Outcome:
-    """Whether a quantity is above `least`, by its 95 % interval."""
-    low, high = interval
-    return "holds" if low > least else "does not hold" if high < least else "undecided"
-
-
-def _mean(rows: pd.DataFrame, a: Cell, b: Cell, name: str, claim: str) -> Verdict:
-    """The verdict on "b's mean is above a's"."""
-    first, second = _pairs(rows, a, b, name)
-    if len(first) < 2:
-        return Verdict(claim, "undecided", "fewer than two paired trials")
-    low, high = bootstrap(mean_difference, first, second)
-    statistic = (
-        f"{a.strategy} {first.mean() / 60:.1f} min, {b.strategy} {second.mean() / 60:.1f} min; "
-        f"difference {mean_difference(first, second) / 60:+.1f} min (95 % {low / 60:+.1f}..{high / 60:+.1f}, "
-        f"{len(first)} pairs)"
-    )
-    return Verdict(claim, _above((low, high), 0.0), statistic)
-
-
-def _spread(rows: pd.DataFrame, a: Cell, b: Cell, name: str, claim: str) -> Verdict:
-    """The verdict on "b's standard deviation is above a's"."""
-    first, second = _pairs(rows, a, b, name)
-    if len(first) < 3:
-        return Verdict(claim, "undecided", "fewer than three paired trials")
-    low, high = bootstrap(deviation_ratio, first, second)
-    statistic = (
-        f"{a.strategy} {np.std(first, ddof=1) / 60:.1f} min, {b.strategy} {np.std(second, ddof=1) / 60:.1f} min; "
-        f"ratio {deviation_ratio(first, second):.2f} (95 % {low:.2f}..{high:.2f}, {len(first)} pairs)"
-    )
-    return Verdict(claim, _above((low, high), 1.0), statistic)
 
 
 _EVENTS = (("contact_s", "contact"), ("source_s", "max flux"))
@@ -97,17 +41,19 @@ def _by_size(experiment: Experiment, rows: pd.DataFrame) -> list[Verdict]:
         if experiment.name == "locus-1":
             if size == 5:
                 found += [
-                    _mean(rows, a, b, name, f"5 drones: LoCUS' mean time to {what} is below MoBS'")
+                    larger_mean(rows, a, b, name, f"5 drones: LoCUS' mean time to {what} is below MoBS'")
                     for name, what in _EVENTS
                 ]
             if size in (10, 20):
                 claim = f"{size} drones: MoBS makes contact sooner on average"
-                found.append(_mean(rows, b, a, "contact_s", claim))
+                found.append(larger_mean(rows, b, a, "contact_s", claim))
         else:
             claim = f"{size} drones: LoCUS' mean time to max flux is below MoBS'"
-            found.append(_mean(rows, a, b, "source_s", claim))
+            found.append(larger_mean(rows, a, b, "source_s", claim))
         found += [
-            _spread(rows, a, b, name, f"{size} drones: LoCUS' deviation of the time to {what} is below MoBS'")
+            larger_deviation(
+                rows, a, b, name, f"{size} drones: LoCUS' deviation of the time to {what} is below MoBS'"
+            )
             for name, what in _EVENTS
             if experiment.name == "locus-1" or name == "source_s"
         ]
@@ -146,14 +92,14 @@ def _perturbed(experiment: Experiment, rows: pd.DataFrame) -> list[Verdict]:
         both = np.isfinite(after_smooth) & np.isfinite(after)
         if both.sum() < 2:
             continue
-        low, high = bootstrap(lambda a, b: float(b.mean() / a.mean()), after_smooth[both], after[both])
+        low, high = bootstrap(mean_ratio, after_smooth[both], after[both])
         found.append(
             Verdict(
                 f"{smooth.drones} drones: LoCUS' time from contact to max flux stays short in the perturbed plume "
                 f"(below {_SHORT_RATIO} times the smooth plume's)",
                 "holds" if high < _SHORT_RATIO else "does not hold" if low > _SHORT_RATIO else "undecided",
                 f"smooth {after_smooth[both].mean() / 60:.1f} min, perturbed {after[both].mean() / 60:.1f} min, "
-                f"ratio {after[both].mean() / after_smooth[both].mean():.2f} (95 % {low:.2f}..{high:.2f})",
+                f"ratio {mean_ratio(after_smooth[both], after[both]):.2f} (95 % {low:.2f}..{high:.2f})",
             )
         )
     return found
@@ -171,14 +117,12 @@ def _beyond(experiment: Experiment, rows: pd.DataFrame) -> list[Verdict]:
                 claim = (
                     f"{largest} drones: {name} reach max flux sooner than {rival} (prediction of the paper)"
                 )
-                found.append(_mean(rows, mine, other, "source_s", claim))
+                found.append(larger_mean(rows, mine, other, "source_s", claim))
     return found
 
 
 # --- Failure rates ---
 
-_BEGINS = 0.95
-"""A strategy has begun to fail where fewer trials than this succeed."""
 _CLAIMS: dict[str, tuple[tuple[str, bool, Interval, str], ...]] = {
     "locus-3": (
         ("locus", True, (1e-4, 1e-3), "between 1e-4 and 1e-3"),
@@ -191,32 +135,6 @@ _CLAIMS: dict[str, tuple[tuple[str, bool, Interval, str], ...]] = {
         ("locus", False, (3e-5, 3e-4), "at about 1e-4 (3e-5 to 3e-4)"),
     ),
 }
-
-
-def begins_to_fail(rows: pd.DataFrame, cells: list[Cell]) -> Interval:
-    """The range of rates in which a strategy begins to fail: from where it may have to where it surely has.
-
-    Upper end: the first rate at which the whole of Wilson's interval is below 95 %; lower end: the last rate before
-    it at which at least 95 % of the trials succeed. The sampling error and the grid of rates are both in it.
-    """
-    low, high = 0.0, math.inf
-    surely = False
-    for cell in sorted(cells, key=lambda c: c.failure_rate):
-        mine = select(rows, cell)
-        interval = wilson(int(mine["success"].sum()), len(mine))
-        if not surely and mine["success"].mean() >= _BEGINS:
-            low = cell.failure_rate
-        if interval[1] < _BEGINS:
-            high = min(high, cell.failure_rate)
-            surely = True
-    return low, high
-
-
-def _within(found: Interval, claimed: Interval) -> Outcome:
-    """Whether a rate that lies somewhere in `found` lies in the range `claimed`. It is surely not above `found`."""
-    if found[1] <= claimed[0] or found[0] > claimed[1]:
-        return "does not hold"
-    return "holds" if claimed[0] <= found[0] and found[1] <= claimed[1] else "undecided"
 
 
 def _by_rate(experiment: Experiment, rows: pd.DataFrame) -> list[Verdict]:
@@ -235,8 +153,8 @@ def _by_rate(experiment: Experiment, rows: pd.DataFrame) -> list[Verdict]:
                 found.append(
                     Verdict(
                         f"{plume} plume, {size} drones: {who} begins to fail {words}",
-                        _within((begin, sure), (low, high)),
-                        f"success falls below {_BEGINS:.0%} between {begin:.0e} and {sure:.0e}",
+                        within((begin, sure), (low, high)),
+                        f"success falls below {BEGINS:.0%} between {begin:.0e} and {sure:.0e}",
                     )
                 )
             found += _healing_pays(rows, plume, size, group)
@@ -256,17 +174,13 @@ def _healing_pays(rows: pd.DataFrame, plume: str, size: int, group: list[Cell]) 
             plain.append(b)
     if not healed:
         return []
+    claim = f"{plume} plume, {size} drones: healing makes LoCUS succeed more often"
     first, second = np.mean(plain, axis=0), np.mean(healed, axis=0)
+    if len(first) < 2:
+        return [Verdict(claim, "undecided", "fewer than two paired trials")]
     low, high = bootstrap(mean_difference, first, second)
     statistic = (
         f"success over {len(healed)} rates: {first.mean():.1%} without, {second.mean():.1%} with healing; "
         f"difference {mean_difference(first, second):+.1%} (95 % {low:+.1%}..{high:+.1%})"
     )
-    claim = f"{plume} plume, {size} drones: healing makes LoCUS succeed more often"
-    return [Verdict(claim, _above((low, high), 0.0), statistic)]
-
-
-def markdown(verdicts: list[Verdict]) -> str:
-    lines = ["| claim | verdict | statistic |", "| --- | --- | --- |"]
-    lines += [f"| {one.claim} | **{one.verdict}** | {one.statistic} |" for one in verdicts]
-    return "\n".join(lines) + "\n"
+    return [Verdict(claim, above((low, high), 0.0), statistic)]

@@ -10,6 +10,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.config import SwarmConfig
+from flightstack.mavlink import vehicle_state
+from flightstack.mavlink.codec import MavlinkCodec
 from flightstack.swarm import topics
 from flightstack.swarm.topics import Topic
 from flightstack.swarm.wire import DroneState, Phase, TreeState
@@ -27,7 +29,7 @@ def frame() -> LocalFrame:
     return FRAME
 
 
-class Autopilot:
+class SpeakingAutopilot:
     """A vehicle's autopilot as a source of bytes. ArduPilot unless told otherwise."""
 
     def __init__(self, system: int, *, px4: bool = False) -> None:
@@ -97,8 +99,8 @@ class Autopilot:
 
 
 @pytest.fixture
-def autopilot() -> Callable[..., Autopilot]:
-    return Autopilot
+def autopilot() -> Callable[..., SpeakingAutopilot]:
+    return SpeakingAutopilot
 
 
 def make_state(drone: int, **changes: Any) -> DroneState:
@@ -170,34 +172,32 @@ def on_air() -> Callable[..., Received]:
     return received
 
 
-class Fleet:
+class TalkingFleet:
     """A fleet view with agents that keep talking; a test silences whom it likes."""
 
     def __init__(self, members: tuple[int, ...] = (1, 2, 3)) -> None:
         self.view = FleetView(members, FRAME, 0.0)
         self.talking: dict[int, dict[str, Any]] = {member: {} for member in members}
         self.trees: dict[int, TreeState] = {}
-        self.flying: dict[int, Autopilot] = {}
+        self.flying: dict[int, SpeakingAutopilot] = {}
         self._sequence = 0
 
     def tick(self, now_s: float) -> FleetView:
-        from gcs.mavlink_port import MavlinkPort
-
         self._sequence += 1
         for drone, changes in self.talking.items():
             self.view.receive_peer(now_s, received(make_state(drone, sequence=self._sequence, **changes)))
             if drone in self.trees:
                 self.view.receive_peer(now_s, received(self.trees[drone]))
-        port = MavlinkPort(255)
+        codec = MavlinkCodec(255, 190, vehicle_state.STATES, vehicle_state.EVENTS)
         for vehicle in self.flying.values():
-            for message in port.decode(vehicle.everything()):
+            for message in codec.receive(now_s, vehicle.everything()):
                 self.view.receive_mavlink(now_s, 0, message)
         return self.view
 
 
 @pytest.fixture
-def fleet() -> Callable[..., Fleet]:
-    return Fleet
+def fleet() -> Callable[..., TalkingFleet]:
+    return TalkingFleet
 
 
 @pytest.fixture

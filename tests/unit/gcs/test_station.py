@@ -8,40 +8,57 @@ import msgspec
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from flightstack.mavlink.codec import MavlinkCodec
 from flightstack.swarm import topics
 from flightstack.swarm.wire import Command, CommandName, Phase, Result
-from gcs.mavlink_port import MavlinkPort
+from flightstack.transport.memory import MemoryRadio
+from gcs.connection import RECEIVED
 from gcs.station import Station
 
 
-class World:
-    """A station with agents and vehicles round it, at 10 Hz of simulated time."""
+class Surroundings:
+    """A station with agents on its radio and vehicles on its link, at 10 Hz of simulated time."""
 
     def __init__(self, config, state, on_air):
         self.station = Station(config, None, 0.0)
         self.state, self.on_air = state, on_air
+        self.radio = MemoryRadio()
+        self.nodes = {"ground": self.radio.join("ground", RECEIVED)}
         self.agents = {1: {}, 2: {}, 3: {}}
         self.vehicles = []
         self.published = []
         self.sent = []
+        self.sequences = []
         self.timeline = []
         self.frames = []
         self.log = []
         self._tick = itertools.count()
-        self._reader = MavlinkPort(1)
+        self._reader = MavlinkCodec(1, 1, events=mavlink.mavlink_map.keys())
         self.now_s = 0.0
+
+    def say(self, message):
+        """Put a message on the air as its sender."""
+        topic, sender, payload = self.on_air(message)
+        if sender not in self.nodes:
+            self.nodes[sender] = self.radio.join(sender, ())
+        self.nodes[sender].publish(topic, payload)
 
     def run(self, seconds, *messages):
         for index in range(round(seconds * 10)):
             tick = next(self._tick)
             self.now_s = tick / 10
-            peers = [self.on_air(m) for m in messages] if index == 0 else []
+            for message in messages if index == 0 else ():
+                self.say(message)
             if tick % 2 == 0:
-                peers += [self.on_air(self.state(d, sequence=tick, **c)) for d, c in self.agents.items()]
+                for drone, changes in self.agents.items():
+                    self.say(self.state(drone, sequence=tick, **changes))
+            self.radio.step(self.now_s)
             data = b"".join(v.everything() for v in self.vehicles) if tick % 5 == 0 else b""
-            outputs = self.station.step(self.now_s, peers, [data])
+            outputs = self.station.step(self.now_s, self.nodes["ground"].receive(), [data])
             self.published += [(self.now_s, topic, message) for topic, message in outputs.publish]
-            self.sent += [(self.now_s, m) for m in self._reader.decode(outputs.writes[0])]
+            for frame, message in self._reader.receive_frames(self.now_s, outputs.writes[0]):
+                self.sequences.append(frame.sequence)
+                self.sent.append((self.now_s, message))
             self.timeline += outputs.timeline
             self.frames += outputs.frames
             self.log += outputs.log
@@ -50,22 +67,21 @@ class World:
         return [message for _, t, message in self.published if t is topic]
 
     def commands(self, number):
-        return [(at, m) for at, m in self.sent if m.get_type() == "COMMAND_LONG" and m.command == number]
+        commands = [(at, m.fields) for at, m in self.sent if m.name == "COMMAND_LONG"]
+        return [(at, fields) for at, fields in commands if fields.command == number]
 
 
 @pytest.fixture
 def world(ground_config, state, on_air):
-    return World(ground_config, state, on_air)
+    return Surroundings(ground_config, state, on_air)
 
 
 def test_heartbeats_and_beats_once_a_second(world):
     world.run(10.0)
-    beats = [m for _, m in world.sent if m.get_type() == "HEARTBEAT"]
+    beats = [m for _, m in world.sent if m.name == "HEARTBEAT"]
     assert len(beats) == 10
-    assert {(m.type, m.autopilot, m.get_srcSystem(), m.get_srcComponent()) for m in beats} == {
-        (6, 8, 255, 190)
-    }
-    assert len({m.get_seq() for m in beats}) == 10
+    assert {(m.fields.type, m.fields.autopilot, m.system, m.component) for m in beats} == {(6, 8, 255, 190)}
+    assert world.sequences == list(range(10))
     assert len(world.told(topics.GROUND)) == 10
     assert len(world.told(topics.REPORT)) == 10
     assert world.told(topics.TRAFFIC) == []
@@ -81,7 +97,7 @@ def test_asks_for_few_streams_and_asks_again_when_they_stop(world, autopilot):
     assert asked == {33: 250_000, 1: 1_000_000, 245: 1_000_000}
     assert {int(m.param1) for _, m in world.commands(mavlink.MAV_CMD_REQUEST_MESSAGE)} == {242}
     assert {
-        (m.target_system, m.target_component) for _, m in world.sent if m.get_type() == "COMMAND_LONG"
+        (m.fields.target_system, m.fields.target_component) for _, m in world.sent if m.name == "COMMAND_LONG"
     } == {(2, 1)}
     world.vehicles = [vehicle]
     world.run(2.0)
@@ -162,8 +178,8 @@ def test_everything_heard_is_on_the_timeline_and_frames_go_to_their_vehicles_log
     systems = {frame.system for frame in world.frames}
     assert systems == {2, 3}
     for frame in world.frames:
-        (message,) = MavlinkPort(1).decode(frame.data)
-        assert frame.system in (message.get_srcSystem(), getattr(message, "target_system", None))
+        (message,) = MavlinkCodec(1, 1, events=mavlink.mavlink_map.keys()).receive(0.0, frame.data)
+        assert frame.system in (message.system, getattr(message.fields, "target_system", None))
     for entry in world.timeline:
         msgspec.json.encode(entry.message)
 

@@ -10,9 +10,11 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from mission.geometry.frames import Geodetic
-from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec, WindConfig
-from simvehicle.vehicle.simulated_vehicle import SimulatedVehicle
+from simvehicle.drone.drone_spec import VehicleSpec
+from simvehicle.drone.simulated_vehicle import SimulatedVehicle
+from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.world.configured import make_world
+from simvehicle.world.world_config import WindConfig
 
 ORIGIN = Geodetic(-5.06, 151.3, 500.0)
 
@@ -117,7 +119,7 @@ class Ground:
 
     def take_off(self, above_m: float = 10.0) -> None:
         """Ready, armed and at a height, in GUIDED or Hold."""
-        self.run_until(lambda: self.vehicle.autopilot.ready)
+        self.run_until(lambda: self.vehicle.ready)
         self.run(1.0)
         if self.vehicle.spec.flavour == "ardupilot":
             assert self.mode(4) == 0
@@ -161,6 +163,6 @@ def make_ground() -> Callable[..., Ground]:
             wind=WindConfig(speed_mps=wind_mps, from_deg=180.0, gust_sd_mps=gust_sd_mps),
             ready_after_s=ready_after_s,
         )
-        return Ground(SimulatedVehicle(spec, config, make_world(config), seed))
+        return Ground(SimulatedVehicle(spec, make_world(config), seed=seed, ready_after_s=ready_after_s))
 
     return make

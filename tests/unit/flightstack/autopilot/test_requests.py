@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
-import random
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.autopilot import AutopilotSession, RequestKind, RequestOutcome, TakenBy
 from flightstack.config import AutopilotConfig
+from flightstack.swarm.topics import Delivery
+from flightstack.transport.memory import Conditions, LossyLink
 from mission.geometry.frames import Geodetic, LocalFrame
 
 TICK_S = 0.1
@@ -21,6 +22,8 @@ FLAVOURS = ("ardupilot", "px4")
 GUIDED, LOITER, RTL, LAND, BRAKE = 4, 5, 6, 9, 17
 OFFBOARD, PX4_HOLD, PX4_RTL, PX4_LAND = 6 << 16, 3 << 24 | 4 << 16, 5 << 24 | 4 << 16, 6 << 24 | 4 << 16
 POSITION_MODE = 3 << 16
+SOUND = Conditions()
+BAD = Conditions(loss=0.1, duplication=0.3, delay_s=0.1, jitter_s=0.1, reordering=0.3, held_back_s=0.2)
 
 
 class ScriptedAutopilot:
@@ -260,22 +263,21 @@ class ScriptedAutopilot:
             ]
 
 
-class Link:
-    """Chunks of bytes that arrive later, twice, in another order, or not."""
+class Wire:
+    """One direction between session and autopilot, as bad as a link of the swarm's radio can be."""
 
-    def __init__(self, seed: int, loss: float, repeat: float, delay_s: float):
-        self.random = random.Random(seed)
-        self.loss, self.repeat, self.delay_s = loss, repeat, delay_s
+    def __init__(self, seed: int, sender: str, receiver: str, conditions: Conditions):
+        self.link = LossyLink(seed, sender, receiver)
+        self.conditions = conditions
+        self.cut = False
         self.flying: list[tuple[float, int, bytes]] = []
         self.count = 0
 
     def send(self, now_s: float, data: bytes) -> None:
-        for frame in frames_of(data):
-            for _ in range(1 + (self.random.random() < self.repeat)):
-                if self.random.random() >= self.loss:
-                    self.count += 1
-                    due_s = now_s + self.random.uniform(0.0, self.delay_s)
-                    self.flying.append((due_s, self.count, frame))
+        for frame in () if self.cut else frames_of(data):
+            for due_s in self.link.arrivals_s(now_s, self.conditions, Delivery.BEST_EFFORT):
+                self.count += 1
+                self.flying.append((due_s, self.count, frame))
 
     def receive(self, now_s: float) -> bytes:
         due = sorted(item for item in self.flying if item[0] <= now_s)
@@ -292,16 +294,14 @@ def frames_of(data: bytes) -> list[bytes]:
     return frames
 
 
-class World:
+class ScriptedFlight:
     """A session and its scripted autopilot, ticked together."""
 
-    def __init__(
-        self, flavour: str, *, parameters=None, config=None, loss=0.0, repeat=0.0, delay_s=0.0, seed=1, **kw
-    ):
+    def __init__(self, flavour: str, *, parameters=None, config=None, link: Conditions = SOUND, seed=1, **kw):
         self.autopilot = ScriptedAutopilot(flavour, parameters=parameters, **kw)
         self.session = AutopilotSession(3, FRAME, AutopilotConfig(link="unused", **(config or {})))
-        self.up = Link(seed, loss, repeat, delay_s)
-        self.down = Link(seed + 1, loss, repeat, delay_s)
+        self.up = Wire(seed, "companion", "autopilot", link)
+        self.down = Wire(seed, "autopilot", "companion", link)
         self.ticks = 0
         self.results = []
         self.texts: list[str] = []
@@ -343,7 +343,7 @@ class World:
                     return result
         raise AssertionError(f"{kind} did not end in {limit_s} s: {self.session.transaction}, {self.report}")
 
-    def fly(self, above_home_m: float = 20.0) -> World:
+    def fly(self, above_home_m: float = 20.0) -> ScriptedFlight:
         """Arm and take off as the agent does it."""
         session = self.session
         assert self.until(RequestKind.TAKE_CONTROL, session.take_control).outcome is RequestOutcome.SUCCEEDED
@@ -354,18 +354,18 @@ class World:
 
 
 LINKS = [
-    pytest.param({}, id="sound"),
-    pytest.param({"loss": 0.2, "seed": 11}, id="losing"),
-    pytest.param({"repeat": 0.5, "seed": 12}, id="repeating"),
-    pytest.param({"delay_s": 0.4, "seed": 13}, id="late"),
-    pytest.param({"loss": 0.1, "repeat": 0.3, "delay_s": 0.3, "seed": 14}, id="bad"),
+    pytest.param(SOUND, id="sound"),
+    pytest.param(Conditions(loss=0.2), id="losing"),
+    pytest.param(Conditions(duplication=0.5), id="repeating"),
+    pytest.param(Conditions(delay_s=0.1, jitter_s=0.1, reordering=0.5, held_back_s=0.2), id="late"),
+    pytest.param(BAD, id="bad"),
 ]
 
 
 @pytest.mark.parametrize("link", LINKS)
 @pytest.mark.parametrize("flavour", FLAVOURS)
 def test_a_whole_flight(flavour, link):
-    world = World(flavour, ready_s=8.0, **link)
+    world = ScriptedFlight(flavour, ready_s=8.0, link=link)
     world.run(3.0)
     assert not world.report.ready
     assert world.report.ready_reason
@@ -393,13 +393,13 @@ def test_a_whole_flight(flavour, link):
 
 @pytest.mark.parametrize("flavour", FLAVOURS)
 def test_the_same_flight_twice_sends_the_same_bytes(flavour):
-    worlds = [World(flavour, loss=0.1, delay_s=0.2, seed=5).fly() for _ in range(2)]
+    worlds = [ScriptedFlight(flavour, link=BAD, seed=5).fly() for _ in range(2)]
     assert worlds[0].sent == worlds[1].sent
 
 
 @pytest.mark.parametrize("flavour", FLAVOURS)
 def test_only_what_is_needed_is_asked_for_and_only_until_it_comes(flavour):
-    world = World(flavour, ready_s=0.0)
+    world = ScriptedFlight(flavour, ready_s=0.0)
     world.run(10.0)
     assert set(world.autopilot.streams) == {0x21, 30, 245, 1, 242} | (
         {230, 231} if flavour == "px4" else {193, 168}
@@ -412,7 +412,7 @@ def test_only_what_is_needed_is_asked_for_and_only_until_it_comes(flavour):
 
 @pytest.mark.parametrize("flavour", FLAVOURS)
 def test_an_autopilot_that_forgets_its_streams_is_asked_again(flavour):
-    world = World(flavour, ready_s=0.0)
+    world = ScriptedFlight(flavour, ready_s=0.0)
     world.run(8.0)
     world.autopilot.streams.clear()
     world.run(15.0)
@@ -422,7 +422,7 @@ def test_an_autopilot_that_forgets_its_streams_is_asked_again(flavour):
 
 @pytest.mark.parametrize("flavour", FLAVOURS)
 def test_a_stream_that_is_refused_is_told_and_not_asked_for_all_the_time(flavour):
-    world = World(flavour, ready_s=0.0)
+    world = ScriptedFlight(flavour, ready_s=0.0)
     world.autopilot.streams_it_lacks = {
         mavlink.MAVLINK_MSG_ID_ATTITUDE,
         mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
@@ -434,7 +434,7 @@ def test_a_stream_that_is_refused_is_told_and_not_asked_for_all_the_time(flavour
 
 
 def test_arming_waits_until_it_is_ready_then_tells_the_refusals_of_the_autopilot():
-    world = World("ardupilot", ready_s=5.0, config={"ready_timeout_s": 20.0})
+    world = ScriptedFlight("ardupilot", ready_s=5.0, config={"ready_timeout_s": 20.0})
     world.autopilot.refuse_arming = "Arm: Compass not calibrated"
     result = world.until(RequestKind.ARM, world.session.arm)
     assert result.outcome is RequestOutcome.TIMED_OUT
@@ -446,7 +446,7 @@ def test_arming_waits_until_it_is_ready_then_tells_the_refusals_of_the_autopilot
 
 
 def test_a_refusal_shows_in_the_report_while_it_is_tried_again():
-    world = World("ardupilot", ready_s=0.0)
+    world = ScriptedFlight("ardupilot", ready_s=0.0)
     world.autopilot.refuse_arming = "Arm: Throttle too high"
     world.run(8.0, world.session.arm)
     assert world.report.ready_reason == "arming refused: Arm: Throttle too high"
@@ -456,7 +456,7 @@ def test_a_refusal_shows_in_the_report_while_it_is_tried_again():
 
 def test_what_keeps_it_from_arming_is_its_newest_round_of_reasons():
     """5.1 m off, then 5.2 m, then 5.3 m: for hours on the ground, and each state is sent to all."""
-    world = World("ardupilot", ready_s=0.0)
+    world = ScriptedFlight("ardupilot", ready_s=0.0)
     world.autopilot.prearm = False
     for error_m in (5.1, 5.2, 5.3):
         world.autopilot.say("PreArm: Compass not calibrated")
@@ -467,7 +467,7 @@ def test_what_keeps_it_from_arming_is_its_newest_round_of_reasons():
 
 @pytest.mark.parametrize("flavour", FLAVOURS)
 def test_arming_that_nobody_asks_for_any_more_lapses(flavour):
-    world = World(flavour, ready_s=10.0)
+    world = ScriptedFlight(flavour, ready_s=10.0)
     world.run(2.0, world.session.arm)
     world.run(20.0)
     assert not world.autopilot.armed
@@ -476,7 +476,7 @@ def test_arming_that_nobody_asks_for_any_more_lapses(flavour):
 
 
 def test_an_unanswered_command_is_repeated_with_a_confirmation_and_then_named():
-    world = World("ardupilot", ready_s=0.0).fly()
+    world = ScriptedFlight("ardupilot", ready_s=0.0).fly()
     world.autopilot.deaf_to = {mavlink.MAV_CMD_NAV_LAND, mavlink.MAV_CMD_DO_SET_MODE}
     result = world.until(RequestKind.LAND, world.session.land)
     assert result.outcome is RequestOutcome.NO_ANSWER
@@ -489,8 +489,8 @@ def test_an_unanswered_command_is_repeated_with_a_confirmation_and_then_named():
 
 
 def test_a_return_is_asked_for_also_when_nothing_is_heard_any_more():
-    world = World("ardupilot", ready_s=0.0).fly()
-    world.down.loss = 1.0
+    world = ScriptedFlight("ardupilot", ready_s=0.0).fly()
+    world.down.cut = True
     world.run(8.0)
     assert not world.report.connected
     assert world.until(RequestKind.RETURN, world.session.rtl).outcome is RequestOutcome.NO_ANSWER
@@ -499,7 +499,7 @@ def test_a_return_is_asked_for_also_when_nothing_is_heard_any_more():
 
 @pytest.mark.parametrize("flavour", FLAVOURS)
 def test_requests_that_repeat_do_not_pile_up(flavour):
-    world = World(flavour, ready_s=0.0).fly()
+    world = ScriptedFlight(flavour, ready_s=0.0).fly()
     before = len(world.autopilot.commands)
     world.run(1.0, world.session.rtl)
     assert len(world.autopilot.commands) == before + 1
@@ -510,7 +510,7 @@ def test_requests_that_repeat_do_not_pile_up(flavour):
 
 @pytest.mark.parametrize("flavour", FLAVOURS)
 def test_the_newest_request_takes_the_place_of_the_one_before(flavour):
-    world = World(flavour, ready_s=30.0)
+    world = ScriptedFlight(flavour, ready_s=30.0)
     world.run(3.0, world.session.arm)
     world.tick(world.session.hold)
     assert world.results[-1].outcome is RequestOutcome.SUPERSEDED
@@ -519,7 +519,7 @@ def test_the_newest_request_takes_the_place_of_the_one_before(flavour):
 
 @pytest.mark.parametrize("flavour", FLAVOURS)
 def test_a_pilot_takes_the_vehicle_and_targets_stop_at_once(flavour):
-    world = World(flavour, ready_s=0.0).fly()
+    world = ScriptedFlight(flavour, ready_s=0.0).fly()
     world.run(2.0, lambda: world.session.target_position((5.0, 0.0, -20.0)))
     world.autopilot.set_mode(POSITION_MODE if flavour == "px4" else LOITER)
     world.run(0.2, lambda: world.session.target_position((5.0, 0.0, -20.0)))
@@ -541,7 +541,7 @@ def test_a_pilot_takes_the_vehicle_and_targets_stop_at_once(flavour):
 
 @pytest.mark.parametrize("flavour", FLAVOURS)
 def test_a_failsafe_is_told_from_a_pilot_by_its_text(flavour):
-    world = World(flavour, ready_s=0.0).fly()
+    world = ScriptedFlight(flavour, ready_s=0.0).fly()
     world.autopilot.say("Battery Failsafe", 4)
     world.autopilot.set_mode(PX4_RTL if flavour == "px4" else RTL)
     world.run(0.3, lambda: world.session.target_velocity((0.0, 0.0, 0.0)))
@@ -551,7 +551,7 @@ def test_a_failsafe_is_told_from_a_pilot_by_its_text(flavour):
 
 
 def test_a_pilot_during_the_take_off_ends_it():
-    world = World("ardupilot", ready_s=0.0)
+    world = ScriptedFlight("ardupilot", ready_s=0.0)
     world.until(RequestKind.ARM, world.session.arm)
     world.run(2.0, lambda: world.session.takeoff(40.0))
     world.autopilot.set_mode(LOITER)
@@ -564,7 +564,7 @@ def test_a_pilot_during_the_take_off_ends_it():
 
 @pytest.mark.parametrize("flavour", FLAVOURS)
 def test_a_vehicle_that_somebody_else_armed_is_not_taken(flavour):
-    world = World(flavour, ready_s=10.0)
+    world = ScriptedFlight(flavour, ready_s=10.0)
     world.run(2.0, world.session.arm)
     world.autopilot.armed = True
     result = world.until(RequestKind.ARM, world.session.arm)
@@ -577,7 +577,7 @@ def test_a_vehicle_that_somebody_else_armed_is_not_taken(flavour):
 
 
 def test_no_target_goes_to_ardupilot_before_it_is_up():
-    world = World("ardupilot", ready_s=0.0)
+    world = ScriptedFlight("ardupilot", ready_s=0.0)
     world.until(RequestKind.ARM, world.session.arm)
     world.run(1.0, lambda: world.session.target_position((0.0, 0.0, -20.0)))
     assert world.autopilot.setpoints == []
@@ -585,7 +585,7 @@ def test_no_target_goes_to_ardupilot_before_it_is_up():
 
 
 def test_px4_gets_setpoints_before_and_without_a_gap_after_offboard():
-    world = World("px4", ready_s=0.0).fly()
+    world = ScriptedFlight("px4", ready_s=0.0).fly()
     first = world.autopilot.setpoints[0]
     assert first == ("velocity", 0.0, 0.0, -0.5)  # pressed to the ground until it shall fly
     times = world.autopilot.setpoint_s
@@ -594,7 +594,7 @@ def test_px4_gets_setpoints_before_and_without_a_gap_after_offboard():
 
 @pytest.mark.parametrize("flavour", FLAVOURS)
 def test_a_target_below_the_own_home_is_refused_before_the_take_off(flavour):
-    world = World(flavour, ready_s=0.0)
+    world = ScriptedFlight(flavour, ready_s=0.0)
     world.until(RequestKind.TAKE_CONTROL, world.session.take_control)
     world.until(RequestKind.ARM, world.session.arm)
     result = world.until(RequestKind.TAKEOFF, lambda: world.session.takeoff(11.0), 40.0)
@@ -604,7 +604,7 @@ def test_a_target_below_the_own_home_is_refused_before_the_take_off(flavour):
 
 @pytest.mark.parametrize("flavour", FLAVOURS)
 def test_disarm_on_the_ground_only(flavour):
-    world = World(flavour, ready_s=0.0).fly()
+    world = ScriptedFlight(flavour, ready_s=0.0).fly()
     result = world.until(RequestKind.DISARM, world.session.disarm)
     assert result.outcome is RequestOutcome.REFUSED
     assert "flying" in result.reason
@@ -619,8 +619,8 @@ def test_parameters_are_set_as_the_flavour_writes_them(loss):
     integer = mavlink.MAV_PARAM_TYPE_INT32
     packed = 2.802596928649634e-45  # the bytes of the integer 2
     config = {"parameters": {"FENCE_ENABLE": 1.0, "WPNAV_SPEED": 500.0}}
-    ardupilot = World(
-        "ardupilot", ready_s=0.0, loss=loss, config=config,
+    ardupilot = ScriptedFlight(
+        "ardupilot", ready_s=0.0, link=Conditions(loss=loss), seed=2, config=config,
         parameters={"FENCE_ENABLE": (0.0, mavlink.MAV_PARAM_TYPE_INT8), "WPNAV_SPEED": (500.0, 9)},
     )  # fmt: skip
     assert not ardupilot.session.prepared
@@ -629,8 +629,8 @@ def test_parameters_are_set_as_the_flavour_writes_them(loss):
     assert ardupilot.session.prepared
 
     config = {"parameters": {"NAV_DLL_ACT": 2.0, "MPC_XY_CRUISE": 6.5}}
-    px4 = World(
-        "px4", ready_s=0.0, loss=loss, config=config,
+    px4 = ScriptedFlight(
+        "px4", ready_s=0.0, link=Conditions(loss=loss), seed=2, config=config,
         parameters={"NAV_DLL_ACT": (0.0, integer), "MPC_XY_CRUISE": (5.0, 9)},
     )  # fmt: skip
     assert px4.until(RequestKind.PREPARE, px4.session.prepare).outcome is RequestOutcome.SUCCEEDED
@@ -640,7 +640,7 @@ def test_parameters_are_set_as_the_flavour_writes_them(loss):
 
 def test_a_parameter_that_does_not_exist_or_is_no_integer_is_named():
     config = {"parameters": {"NO_SUCH": 1.0, "FENCE_ENABLE": 0.5}}
-    world = World(
+    world = ScriptedFlight(
         "ardupilot",
         ready_s=0.0,
         config=config,
@@ -655,7 +655,7 @@ def test_a_parameter_that_does_not_exist_or_is_no_integer_is_named():
 
 def test_arming_prepares_first():
     config = {"parameters": {"FENCE_ENABLE": 1.0}}
-    world = World(
+    world = ScriptedFlight(
         "ardupilot",
         ready_s=0.0,
         config=config,
@@ -667,7 +667,7 @@ def test_arming_prepares_first():
 
 
 def test_a_flavour_that_is_not_the_configured_one_is_never_ready():
-    world = World("px4", ready_s=0.0, config={"flavour": "ardupilot"})
+    world = ScriptedFlight("px4", ready_s=0.0, config={"flavour": "ardupilot"})
     world.run(5.0, world.session.arm)
     assert not world.report.ready
     assert "autopilot.flavour" in world.report.ready_reason
@@ -676,7 +676,7 @@ def test_a_flavour_that_is_not_the_configured_one_is_never_ready():
 
 @pytest.mark.parametrize("flavour", FLAVOURS)
 def test_the_wind_goes_where_it_blows_to(flavour):
-    world = World(flavour, ready_s=0.0)
+    world = ScriptedFlight(flavour, ready_s=0.0)
     winds = []
     for _ in range(80):
         world.ticks += 1
@@ -691,7 +691,7 @@ def test_the_wind_goes_where_it_blows_to(flavour):
 
 
 def test_a_restarted_autopilot_is_a_new_one():
-    world = World("ardupilot", ready_s=0.0, config={"parameters": {"FENCE_ENABLE": 1.0}},
+    world = ScriptedFlight("ardupilot", ready_s=0.0, config={"parameters": {"FENCE_ENABLE": 1.0}},
                   parameters={"FENCE_ENABLE": (1.0, mavlink.MAV_PARAM_TYPE_INT8)})  # fmt: skip
     world.run(40.0)
     world.until(RequestKind.PREPARE, world.session.prepare)
@@ -708,7 +708,7 @@ def test_a_restarted_autopilot_is_a_new_one():
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 def test_a_target_that_is_no_number_is_refused(bad):
-    world = World("px4")
+    world = ScriptedFlight("px4")
     with pytest.raises(ValueError, match="finite"):
         world.session.target_position((0.0, bad, 0.0))
     with pytest.raises(ValueError, match="finite"):
@@ -716,7 +716,7 @@ def test_a_target_that_is_no_number_is_refused(bad):
 
 
 def test_named_values_are_told_once():
-    world = World("ardupilot", ready_s=0.0)
+    world = ScriptedFlight("ardupilot", ready_s=0.0)
     world.run(2.0)
     world.autopilot.out.append(mavlink.MAVLink_named_value_float_message(1, b"co2", 512.5))
     world.tick()

@@ -7,9 +7,11 @@ import pytest
 from flightstack.autopilot import AutopilotSession, TakenBy
 from flightstack.config import AutopilotConfig
 from mission.geometry.frames import Geodetic, LocalFrame
-from simvehicle.fleet.fleet_config import FleetConfig, GaussianPlume, VehicleSpec
-from simvehicle.vehicle.simulated_vehicle import SimulatedVehicle
+from simvehicle.drone.drone_spec import VehicleSpec
+from simvehicle.drone.simulated_vehicle import SimulatedVehicle
+from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.world.configured import make_world
+from simvehicle.world.world_config import GaussianPlume
 
 ORIGIN = Geodetic(-5.06, 151.3, 500.0)
 TICK_S = 0.1
@@ -25,7 +27,7 @@ class Flight:
         spec = VehicleSpec(id=3, flavour=flavour, home_north_m=5.0, links=("udpout:127.0.0.1:1",))
         plume = GaussianPlume(source_north_m=100.0, source_east_m=0.0)
         fleet = FleetConfig(origin=ORIGIN, vehicles=(spec,), plume=plume, ready_after_s=20.0)
-        self.vehicle = SimulatedVehicle(spec, fleet, make_world(fleet), seed=1)
+        self.vehicle = SimulatedVehicle(spec, make_world(fleet), seed=1, ready_after_s=20.0)
         self.session = AutopilotSession(3, LocalFrame(ORIGIN), AutopilotConfig(link="unused"))
         self.ticks = 0
         self.down = b""

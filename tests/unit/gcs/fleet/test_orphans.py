@@ -5,11 +5,12 @@ from __future__ import annotations
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flightstack.autopilot.modes import Duty
+from flightstack.mavlink.codec import MavlinkCodec
+from flightstack.mavlink.commands import set_mode
+from flightstack.mavlink.modes import Duty, mode_of
 from flightstack.swarm.wire import Phase
 from gcs.fleet.orphans import OrphanKeeper
 from gcs.fleet.vehicles import Source
-from gcs.mavlink_port import MavlinkPort
 from gcs.station_config import OrphanConfig
 
 GRACE_S = 5.0
@@ -54,7 +55,7 @@ def test_an_orphan_is_called_home_after_the_grace_until_the_mode_is_seen(swarm, 
     assert times[1] - times[0] == pytest.approx(0.5, abs=0.11)
     assert {request.duty for _, request in requests} == {Duty.RETURN}
     assert [request.confirmation for _, request in requests] == list(range(len(requests)))
-    assert requests[0][1].source == Source(0, 2, 1)
+    assert requests[0][1].vehicle.source == Source(0, 2, 1)
     swarm.flying[2].mode = 6
     assert run(keeper, swarm, 18.1, 40.0) == []
     swarm.flying[2].armed = False
@@ -71,7 +72,7 @@ def test_px4_is_commanded_by_its_own_numbers(fleet, autopilot, keeper):
     run(keeper, swarm, 0.0, 10.0)
     del swarm.talking[2]
     (_, request), *_ = run(keeper, swarm, 10.1, 16.0)
-    (command,) = MavlinkPort(1).decode(MavlinkPort(255).set_mode(request))
+    command = set_mode(request.vehicle, mode_of(request.vehicle.flavour, request.duty))
     assert (command.command, command.param1, command.param2, command.param3) == (
         mavlink.MAV_CMD_DO_SET_MODE,
         1.0,
@@ -167,7 +168,8 @@ def test_a_companion_heard_over_mavlink_tells_that_the_agent_lives(swarm, keeper
     for step in range(200):
         now_s = 10.0 + step * 0.1
         beat = mavlink.MAVLink_heartbeat_message(18, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3)
-        for message in MavlinkPort(255).decode(bytes(beat.pack(mav))):
+        codec = MavlinkCodec(255, 190, {mavlink.MAVLINK_MSG_ID_HEARTBEAT})
+        for message in codec.receive(now_s, bytes(beat.pack(mav))):
             swarm.view.receive_mavlink(now_s, 0, message)
         assert keeper.step(now_s, swarm.tick(now_s)) == []
 

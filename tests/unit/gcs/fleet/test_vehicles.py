@@ -9,12 +9,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from gcs.fleet.vehicles import Role, Source, Vehicles
-from gcs.mavlink_port import MavlinkPort
+from flightstack.mavlink import vehicle_state
+from flightstack.mavlink.codec import MavlinkCodec
+from flightstack.mavlink.vehicle_state import Role
+from gcs.fleet.vehicles import Source, Vehicles
+
+
+def station() -> MavlinkCodec:
+    return MavlinkCodec(255, 190, vehicle_state.STATES, vehicle_state.EVENTS)
 
 
 def feed(vehicles: Vehicles, now_s: float, data: bytes, link: int = 0) -> None:
-    for message in MavlinkPort(255).decode(data):
+    for message in station().receive(now_s, data):
         vehicles.receive(now_s, link, message)
 
 
@@ -112,7 +118,7 @@ def test_long_status_texts_are_put_together(frame):
     for sequence, start in enumerate((0, 50)):
         message = mavlink.MAVLink_statustext_message(4, text[start : start + 50].encode(), 7, sequence)
         feed(vehicles, 0.0, bytes(message.pack(mav)))
-    (report,) = vehicles.components[Source(0, 3, 1)].take_reports()
+    (report,) = vehicles.components[Source(0, 3, 1)].take_texts()
     assert report.text == text
 
 
@@ -122,11 +128,11 @@ def test_garbage_and_any_chunking_do_no_harm(garbage, size):
     from mission.geometry.frames import Geodetic, LocalFrame
 
     vehicles = Vehicles(LocalFrame(Geodetic(0.0, 0.0)))
-    port = MavlinkPort(255)
+    codec = station()
     good = heartbeat(3, 1, mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 4)
     # Zeros long enough for the longest frame that the garbage may seem to have begun.
     data = garbage + b"\x00" * 300 + good * 3
     for start in range(0, len(data), size):
-        for message in port.decode(data[start : start + size]):
+        for message in codec.receive(0.0, data[start : start + size]):
             vehicles.receive(0.0, 0, message)
     assert vehicles.autopilot(3) is not None

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flightstack.autopilot.modes import Flavour
+from flightstack.mavlink.modes import Flavour
 from gcs.plans.checks import check_plan
 from gcs.plans.mission_items import (
     FENCE_ACTIONS,

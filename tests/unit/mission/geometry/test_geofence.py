@@ -155,3 +155,22 @@ def test_yaml_with_an_impossible_latitude_names_the_field() -> None:
 def test_a_fence_survives_encoding() -> None:
     fence = Geofence(inclusion=(SQUARE,), exclusion_circles=(circle(0.0, 0.0, 5.0),))
     assert msgspec.json.decode(msgspec.json.encode(fence), type=Geofence) == fence
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(st.tuples(st.floats(-130.0, 130.0), st.floats(-130.0, 130.0)), min_size=2, max_size=12),
+    st.floats(-30.0, 40.0),
+)
+def test_what_was_measured_a_little_way_off_answers_as_a_measurement_would(
+    way: list[tuple[float, float]], least_m: float
+) -> None:
+    flown = LocalFence(FRAME, Geofence(inclusion=(NOTCHED,), exclusion_circles=(circle(0.0, -50.0, 15.0),)))
+    for point in way:
+        fresh = LocalFence(
+            FRAME, Geofence(inclusion=(NOTCHED,), exclusion_circles=(circle(0.0, -50.0, 15.0),))
+        )
+        clearance_m = fresh.clearance_m(*point)
+        if abs(clearance_m - least_m) > 1e-5:
+            assert flown.keeps(*point, least_m) == (clearance_m > least_m)
+        assert fresh.clearance_m(*point) == clearance_m == flown.clearance_m(*point)

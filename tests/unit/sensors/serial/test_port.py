@@ -7,11 +7,13 @@ import contextlib
 import os
 import pty
 import socket
+import threading
 import time
 import tty
 from collections.abc import Iterator
 
 import pytest
+import serial
 
 from sensors.instruments.registry import make_instrument
 from sensors.instruments.samples import InstrumentState
@@ -212,3 +214,71 @@ def test_what_can_never_be_opened_is_refused_at_once(port: str, baud: int, words
 def test_reasons_are_plain() -> None:
     assert "dialout" in plain_reason(OSError(13, "Permission denied"))
     assert plain_reason(OSError("something odd\nsecond line")) == "something odd"
+
+
+class SlowDevice:
+    """A pseudo-terminal whose opening lasts until the test lets it."""
+
+    def __init__(self) -> None:
+        self.master, self.slave = pty.openpty()
+        tty.setraw(self.slave)
+        self.may_open = threading.Event()
+        self.begun = threading.Event()
+        self.attempts = 0
+
+    def open(self, port: str, baud: int) -> serial.Serial:
+        self.attempts += 1
+        self.begun.set()
+        assert self.may_open.wait(PATIENCE_S)
+        return serial.Serial(port, baud, timeout=0, write_timeout=0.05)
+
+    def close(self) -> None:
+        os.close(self.slave)
+        os.close(self.master)
+
+
+@pytest.fixture
+def slow() -> Iterator[SlowDevice]:
+    device = SlowDevice()
+    yield device
+    device.may_open.set()
+    device.close()
+
+
+def test_no_tick_waits_for_a_device_that_is_slow_to_open(clock: Clock, slow: SlowDevice) -> None:
+    port = InstrumentPort(os.ttyname(slow.slave), 9600, clock.now_s, slow.open)
+    try:
+        port.read()
+        assert slow.begun.wait(PATIENCE_S)
+        for _ in range(100):  # ten seconds of ticks, all of them while it is being opened
+            clock.time_s += 0.1
+            assert port.read() == b""
+            port.write(b"M")
+        assert (slow.attempts, port.events(), port.connected) == (1, [], False)
+        slow.may_open.set()
+        assert outcome(port) == (True, "")
+        os.write(slow.master, b"W,50.0\r\n")
+        assert received(port, b"\n") == b"W,50.0\r\n"
+    finally:
+        port.close()
+
+
+def test_a_port_that_is_closed_while_it_opens_leaves_nothing_open(clock: Clock, slow: SlowDevice) -> None:
+    name = os.ttyname(slow.slave)
+    port = InstrumentPort(name, 9600, clock.now_s, slow.open)
+    port.read()
+    assert slow.begun.wait(PATIENCE_S)
+    slow.may_open.set()
+    port.close()
+    assert [thread for thread in threading.enumerate() if name in thread.name] == []
+    assert sorted(opened_files(name)) == [slow.slave]
+
+
+def opened_files(name: str) -> list[int]:
+    """This process' descriptors of a device."""
+    found = []
+    for number in os.listdir("/proc/self/fd"):
+        with contextlib.suppress(OSError):
+            if os.readlink(f"/proc/self/fd/{number}") == name:
+                found.append(int(number))
+    return found

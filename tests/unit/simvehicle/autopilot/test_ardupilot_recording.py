@@ -17,10 +17,11 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from mission.geometry.frames import Geodetic, LocalFrame, Vector3
-from simvehicle.fleet.fleet_config import FleetConfig, VehicleSpec
-from simvehicle.vehicle.simulated_vehicle import SimulatedVehicle
+from simvehicle.drone.drone_spec import VehicleSpec
+from simvehicle.drone.simulated_vehicle import SimulatedVehicle
+from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.world.air import World
-from simvehicle.world.gas import make_plume
+from simvehicle.world.gas import make_gas
 
 RECORDING = pathlib.Path(__file__).parents[3] / "data" / "arducopter-4.6.3-conversation.tlog"
 BEFORE_S = 0.1
@@ -115,8 +116,8 @@ def simulated() -> tuple[list[Said], list[tuple[float, Vector3]]]:
         ready_after_s=41.5,
         seed=5,
     )
-    world = World(LocalFrame(config.origin), RecordedWind(), make_plume(None, (0.0, 0.0, 0.0), 500.1))
-    vehicle = SimulatedVehicle(config.vehicles[0], config, world, seed=5)
+    world = World(LocalFrame(config.origin), RecordedWind(), make_gas(None, (0.0, 0.0, 0.0), 500.1))
+    vehicle = SimulatedVehicle(config.vehicles[0], world, seed=5, ready_after_s=41.5)
     listener, track = Listener(), []
     codec = mavlink.MAVLink(None)
     codec.robust_parsing = True

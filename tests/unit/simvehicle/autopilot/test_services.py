@@ -17,6 +17,7 @@ from mission.geometry.frames import Geodetic
 from simvehicle.autopilot.fences import Area, FenceError, areas_of, outside
 from simvehicle.autopilot.missions import StoredItem
 from simvehicle.autopilot.parameters import Parameters, UnknownParameterError
+from simvehicle.drone.instrument_lines import felt_wind_mps
 
 MakeGround = Callable[..., Any]
 FLAVOURS = pytest.mark.parametrize("flavour", ["ardupilot", "px4"])
@@ -97,17 +98,16 @@ def test_every_message_comes_at_its_rate_on_the_link_that_asked(
 
 @FLAVOURS
 def test_every_message_that_can_be_asked_for_can_be_encoded(flavour: str, make_ground: MakeGround) -> None:
-    from simvehicle.autopilot.telemetry_messages import BUILDERS
-
     ground = make_ground(flavour, EKF2_DRAG_CTRL=1.0) if flavour == "px4" else make_ground(flavour)
+    messages = set(ground.vehicle.autopilot.streams.messages)
     for _ in range(2):  # before anything is known, and in flight
-        for message_id in BUILDERS:
+        for message_id in messages:
             assert ground.command(512, message_id) in (0, 1)
         if not ground.vehicle.airborne:
             ground.take_off()
     heard = {m.get_msgId() for m in ground.heard}
     foreign = {"ardupilot": {231}, "px4": {162, 168, 193}}[flavour]
-    assert set(BUILDERS) - heard <= foreign
+    assert messages - heard <= foreign
     assert ground.command(512, 11000) in (UNSUPPORTED, FAILED)
     assert ground.command(511, 11000, 1e6) in (UNSUPPORTED, DENIED)
 
@@ -144,7 +144,9 @@ def test_telemetry_tells_the_truth(flavour: str, make_ground: MakeGround) -> Non
         vehicle.attitude_quaternion, abs=0.05
     )
     assert ground.of("BATTERY_STATUS")[-1].battery_remaining == round(100 * vehicle.battery_fraction)
-    assert vehicle.wind_body_mps()[0] == pytest.approx(6.0, abs=1.5), "heading north, wind from the south"
+    wind = vehicle.autopilot.vehicle.world.wind.wind_ned_mps(vehicle.position_ned_m, ground.now_s)
+    felt = felt_wind_mps(wind, vehicle.velocity_ned_mps, vehicle.attitude_rad)
+    assert felt[0] == pytest.approx(6.0, abs=1.5), "heading north, wind from the south"
 
 
 @FLAVOURS
@@ -473,7 +475,7 @@ def test_missions_are_flown_with_speed_changes_jumps_and_delays(
         ground.mode(3)
     else:
         assert ground.command(300) == ACCEPTED
-    ground.run_until(lambda: ground.vehicle.autopilot.mission_complete, each=look)
+    ground.run_until(lambda: ground.vehicle.autopilot.personality.progress.complete, each=look)
     reached = [m.seq for m in ground.of("MISSION_ITEM_REACHED")]
     assert reached == [2, 3, 2, 3, 5] if flavour == "ardupilot" else reached == [0, 2, 3, 2, 3, 5]
     assert 3.5 < fastest < 5.0
@@ -491,7 +493,7 @@ def test_pausing_and_resuming_a_mission(make_ground: MakeGround) -> None:
     ground.run(5.0)
     assert math.hypot(*ground.vehicle.velocity_ned_mps) < 0.4
     assert ground.command(193, 1) == ACCEPTED
-    ground.run_until(lambda: ground.vehicle.autopilot.mission_complete)
+    ground.run_until(lambda: ground.vehicle.autopilot.personality.progress.complete)
     assert ground.vehicle.mode == "HOLD"
 
 

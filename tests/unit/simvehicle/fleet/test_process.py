@@ -13,8 +13,11 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from mission.geometry.frames import Geodetic
-from simvehicle.fleet.fleet_config import EmulatedInstrument, FaultSpec, FleetConfig, VehicleSpec
-from simvehicle.fleet.process import Fleet, FleetError
+from simvehicle.drone.drone_spec import EmulatedInstrument, VehicleSpec
+from simvehicle.faults.fault_table import FaultSpec
+from simvehicle.fleet.fleet_config import FleetConfig
+from simvehicle.fleet.fleet_problems import FleetError
+from simvehicle.fleet.process import Fleet
 from simvehicle.fleet.truth import COLUMNS, read_tracks
 from simvehicle.survey.ports import free_port
 
@@ -97,7 +100,7 @@ class Flown:
 
     def __init__(self, fleet_config: FleetConfig) -> None:
         self.fleet = Fleet(fleet_config)
-        self.vehicle = self.fleet.members[1].vehicle
+        self.vehicle = self.fleet.drones.by_id[1].vehicle
         self.now_s = 0.0
         self._codec = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
         self.run(4.0)
@@ -113,7 +116,7 @@ class Flown:
             self.fleet.step(self.now_s)
 
     def until_takeoff(self) -> None:
-        while self.fleet.first_takeoff_s is None:
+        while self.fleet.drones.first_takeoff_s is None:
             assert self.now_s < 20.0
             self.run(0.1)
 
@@ -128,13 +131,15 @@ def test_faults_come_after_the_takeoff_and_mend(tmp_path: pathlib.Path) -> None:
     flown = Flown(config(faults=faults, truth=str(tmp_path / "truth.csv")))
     try:
         flown.run(1.5)
-        assert flown.vehicle.autopilot.estimator.gps
+        assert flown.vehicle.autopilot.vehicle.estimator.gps
         flown.until_takeoff()
         seen = []
         for _ in range(16):
             flown.run(1.0)
             autopilot = flown.vehicle.autopilot
-            seen.append((autopilot.estimator.gps, autopilot.silent, flown.vehicle.battery_fraction > 0.5))
+            seen.append(
+                (autopilot.vehicle.estimator.gps, autopilot.silent, flown.vehicle.battery_fraction > 0.5)
+            )
         assert seen[:6] == [
             (True, False, True),
             (False, False, True),

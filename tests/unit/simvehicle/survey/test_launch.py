@@ -11,6 +11,7 @@ import sys
 import pytest
 
 from flightstack.config_file import load as load_drone
+from flightstack.recording.shared_clock import Cells
 from gcs.station_config import load as load_ground
 from mission.documents.yaml_file import DocumentError, parse
 from simvehicle.fleet.fleet_config import FleetConfig
@@ -43,10 +44,12 @@ def test_no_other_process_gets_a_port_before_it_is_opened() -> None:
 
 def test_every_part_can_read_its_file(tmp_path: pathlib.Path) -> None:
     survey = load(EXAMPLES / "survey.yaml")
-    plan = launch.plan(survey, tmp_path)
+    prepared = launch.prepare(survey, tmp_path)
+    plan = prepared.draft
     fleet = parse((tmp_path / "fleet.yaml").read_text(encoding="utf-8"), FleetConfig, "fleet.yaml")
     assert fleet == plan.fleet
     ground = load_ground(tmp_path / "ground.yaml")
+    assert ground == plan.ground
     assert ground.speedup == survey.config.speedup
     assert ground.geofence == survey.geofence
     for vehicle, spec in zip(fleet.vehicles, plan.drones, strict=True):
@@ -60,17 +63,9 @@ def test_every_part_can_read_its_file(tmp_path: pathlib.Path) -> None:
         assert ground.swarm.listen[0] in drone.swarm.connect
     links = [link for vehicle in fleet.vehicles for link in vehicle.links[:1]]
     assert len(set(links)) == len(links)
-
-
-@pytest.mark.parametrize(
-    ("file", "name", "scale"), [("survey.yaml", "RTL_ALT", 100.0), ("survey_px4.yaml", "RTL_RETURN_ALT", 1.0)]
-)
-def test_each_autopilot_returns_in_a_layer_of_its_own(
-    tmp_path: pathlib.Path, file: str, name: str, scale: float
-) -> None:
-    plan = launch.plan(load(EXAMPLES / file), tmp_path)
-    altitudes = [drone.autopilot.parameters[name] / scale for drone in plan.drones]
-    assert altitudes == [15.0, 20.0, 25.0, 30.0, 35.0]
+    clock = Cells(prepared.clock)
+    assert len(clock.values) == 1 + 1 + len(plan.drones) + 1, "the time, ground station, agents, launcher"
+    clock.close()
 
 
 def test_each_survey_gets_a_directory_of_its_own(tmp_path: pathlib.Path) -> None:

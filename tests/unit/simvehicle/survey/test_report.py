@@ -13,13 +13,14 @@ import pytest
 from flightstack.swarm.wire import Phase, Severity
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Order, Stage
-from simvehicle.fleet.fleet_config import FaultSpec, FleetConfig, VehicleSpec
+from simvehicle.drone.drone_spec import VehicleSpec
+from simvehicle.faults.fault_table import FaultSpec
+from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.fleet.truth import Track
 from simvehicle.survey import figures, report, summary
 from simvehicle.survey.survey_file import Survey, load
 from simvehicle.survey.watch import EventMark, Log, OrderMark, PhaseMark, TreeMark
-from simvehicle.world.gas import make_plume
-from simvehicle.world.wind import GustyWind
+from simvehicle.world.configured import make_world
 
 EXAMPLES = pathlib.Path(__file__).parents[4] / "examples"
 SOURCE: Vector3 = (30.0, -85.0, -10.0)
@@ -64,7 +65,7 @@ def flight(survey: Survey, end_s: float = 420.0) -> tuple[dict[int, Track], Log]
     share = np.clip((times_s - 190.0) / 120.0, 0.0, 1.0)
     north_m, east_m = north_m + share * (SOURCE[0] - north_m), east_m + share * (SOURCE[1] - east_m)
     home = np.clip((times_s - 350.0) / 30.0, 0.0, 1.0)
-    plume = make_plume(survey.config.plume, GustyWind(survey.config.wind, 1).mean_ned_mps, 300.0)
+    gas = make_world(survey.config).gas
     tracks = {}
     for index, drone in enumerate(survey.drones):
         turn = index * 2.0 * math.pi / 4.0
@@ -73,7 +74,8 @@ def flight(survey: Survey, end_s: float = 420.0) -> tuple[dict[int, Track], Log]
         e = (east_m + slot_e) * (1.0 - home) + drone.home_east_m * home
         up_m = np.clip(np.minimum(1.5 * times_s, (400.0 - times_s) * 0.8), 0.0, 10.0)
         flying = up_m > 0.0
-        co2 = plume.excess_map_ppm(n, e, 10.0) * flying + 420.0
+        places_ned_m = np.column_stack([n, e, np.full_like(n, -10.0)])
+        co2 = gas.excesses_co2_ppm(places_ned_m, 0.0) * flying + 420.0
         tracks[drone.id] = Track(
             drone.id, times_s, np.column_stack([n, e, -up_m]), flying, flying,
             tuple("RTL" if drone.id == 3 and t > KILL_S + 6.0 else "GUIDED" for t in times_s),
@@ -200,3 +202,35 @@ def test_kills_and_faults_stand_in_the_figure_over_time(survey: Survey) -> None:
     figure = figures.over_time(tracks, log, 420.0, {3: KILL_S}, [fault])
     told = {text.get_text() for axes in figure.axes for text in axes.texts}
     assert {"kill 3", "gps loss 4"} <= told
+
+
+def test_what_is_said_cannot_become_markup(survey: Survey) -> None:
+    said = EventMark(3.0, 2, Severity.CRITICAL, "<b>", "</td><script>alert('x')</script>")
+    lost = ("vehicles ended (exit code 2): <img src=x>",)
+    got = summarised(
+        survey,
+        {},
+        Log(events=(said,)),
+        outcome="failed",
+        reason="<i>",
+        alive=frozenset(),
+        lost_processes=lost,
+    )
+    text = report.page(survey, got, {}, Log(events=(said,)))
+    page = Page(text)
+    assert not {"script", "i"} & set(page.tags)
+    assert page.tags.count("b") == 9, "the boxes' figures"
+    assert page.tags.count("img") == 2, "the maps"
+    for words in (said.code, said.text, *lost):
+        assert words in page.text
+
+
+def test_of_many_events_the_important_ones_are_shown_and_the_rest_counted(survey: Survey) -> None:
+    events = tuple(
+        EventMark(float(i), 1, Severity.WARNING if i % 10 == 0 else Severity.INFO, "phase", f"event {i}")
+        for i in range(1000)
+    )
+    page = Page(report.page(survey, summarised(survey, {}, Log()), {}, Log(events=events)))
+    assert "event 990" in page.text
+    assert "event 991" not in page.text
+    assert "900 more are in the recording." in page.text

@@ -14,10 +14,12 @@ from flightstack.swarm.wire import Severity
 from mission.geometry.frames import Geodetic, LocalFrame
 from mission.geometry.geofence import Geofence
 from mission.strategies.contract import Order, Stage
-from simvehicle.fleet.fleet_config import FaultSpec, FleetConfig, VehicleSpec
+from simvehicle.drone.drone_spec import VehicleSpec
+from simvehicle.faults.fault_table import FaultSpec
+from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.fleet.truth import Track, TruthRow, TruthTail, make_tracks, parse_row, read_tracks
 from simvehicle.survey import summary
-from simvehicle.survey.fly import words
+from simvehicle.survey.conduct import words
 from simvehicle.survey.watch import EventMark, Log, OrderMark
 
 ORIGIN = Geodetic(38.4, 14.96, 300.0)

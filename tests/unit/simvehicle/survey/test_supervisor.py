@@ -28,7 +28,7 @@ def state(drone: int, phase: Phase, mode: str = "GUIDED", *, airborne: bool = Fa
     )  # fmt: skip
 
 
-class Swarm:
+class SupervisedSwarm:
     """Three drones as the supervisor meets them; the test says what they do."""
 
     def __init__(self, *kills: Kill, time_limit_s: float = 600.0) -> None:
@@ -107,7 +107,7 @@ class Swarm:
 
 
 def test_it_starts_when_every_autopilot_answers_and_no_sooner() -> None:
-    swarm = Swarm()
+    swarm = SupervisedSwarm()
     swarm.say(Phase.DISARMED, drones=(1, 2))
     swarm.say(Phase.DISARMED, drones=(3,), mode="")
     swarm.run(20.0)
@@ -118,7 +118,7 @@ def test_it_starts_when_every_autopilot_answers_and_no_sooner() -> None:
 
 
 def test_the_start_is_one_command_however_often_it_is_sent() -> None:
-    swarm = Swarm()
+    swarm = SupervisedSwarm()
     swarm.answering = False
     swarm.say(Phase.DISARMED)
     swarm.run(20.0)
@@ -127,7 +127,7 @@ def test_the_start_is_one_command_however_often_it_is_sent() -> None:
 
 
 def test_a_refused_start_is_taken_back_and_tried_again() -> None:
-    swarm = Swarm()
+    swarm = SupervisedSwarm()
     swarm.refusing = "battery low"
     swarm.say(Phase.DISARMED)
     swarm.run(200.0)
@@ -140,7 +140,7 @@ def test_a_refused_start_is_taken_back_and_tried_again() -> None:
 
 
 def test_the_source_is_found_and_all_come_home() -> None:
-    swarm = Swarm()
+    swarm = SupervisedSwarm()
     swarm.take_off()
     swarm.order(Stage.FOUND)
     swarm.say(Phase.RETURNING, airborne=True)
@@ -153,7 +153,7 @@ def test_the_source_is_found_and_all_come_home() -> None:
 
 
 def test_who_does_not_come_home_is_not_waited_for_for_ever() -> None:
-    swarm = Swarm()
+    swarm = SupervisedSwarm()
     swarm.take_off()
     swarm.order(Stage.FOUND)
     swarm.run(1000.0)
@@ -161,7 +161,7 @@ def test_who_does_not_come_home_is_not_waited_for_for_ever() -> None:
 
 
 def test_an_exhausted_search() -> None:
-    swarm = Swarm()
+    swarm = SupervisedSwarm()
     swarm.take_off()
     swarm.order(Stage.GIVE_UP)
     swarm.run(1.0)
@@ -171,7 +171,7 @@ def test_an_exhausted_search() -> None:
 
 
 def test_the_time_limit_calls_everybody_home() -> None:
-    swarm = Swarm(time_limit_s=50.0)
+    swarm = SupervisedSwarm(time_limit_s=50.0)
     swarm.take_off()
     swarm.run(60.0)
     assert swarm.given[-1].name is CommandName.ABORT
@@ -181,7 +181,7 @@ def test_the_time_limit_calls_everybody_home() -> None:
 
 
 def test_an_interrupt_lands_everybody() -> None:
-    swarm = Swarm()
+    swarm = SupervisedSwarm()
     swarm.take_off()
     swarm.run(2.0, interrupted=True)
     assert swarm.given[-1].name is CommandName.LAND
@@ -192,13 +192,13 @@ def test_an_interrupt_lands_everybody() -> None:
 
 
 def test_an_interrupt_before_anything_flew() -> None:
-    swarm = Swarm()
+    swarm = SupervisedSwarm()
     swarm.run(3.0, interrupted=True)
     assert swarm.outcome is SurveyOutcome.ABORTED
 
 
 def test_a_kill_on_time_and_the_orphan_is_waited_for() -> None:
-    swarm = Swarm(Kill(3, 30.0))
+    swarm = SupervisedSwarm(Kill(3, 30.0))
     swarm.take_off()
     swarm.run(15.0)
     assert swarm.killed == []
@@ -217,7 +217,7 @@ def test_a_kill_on_time_and_the_orphan_is_waited_for() -> None:
 
 
 def test_an_orphan_that_never_lands_is_given_up() -> None:
-    swarm = Swarm(Kill(3, 20.0))
+    swarm = SupervisedSwarm(Kill(3, 20.0))
     swarm.take_off()
     swarm.run(20.0)
     swarm.order(Stage.FOUND)
@@ -228,7 +228,7 @@ def test_an_orphan_that_never_lands_is_given_up() -> None:
 
 
 def test_a_process_that_dies_on_the_ground_ends_it_at_once() -> None:
-    swarm = Swarm()
+    swarm = SupervisedSwarm()
     swarm.run(3.0, ended=[Ended("drone-2", 2, "drone-2.yaml: no such port")])
     assert swarm.outcome is SurveyOutcome.FAILED
     assert swarm.over is not None
@@ -236,7 +236,7 @@ def test_a_process_that_dies_on_the_ground_ends_it_at_once() -> None:
 
 
 def test_an_agent_that_dies_in_flight_is_a_loss_and_no_end() -> None:
-    swarm = Swarm()
+    swarm = SupervisedSwarm()
     swarm.take_off()
     swarm.run(5.0, ended=[Ended("drone-2", 1, "")])
     assert swarm.over is None
@@ -244,14 +244,14 @@ def test_an_agent_that_dies_in_flight_is_a_loss_and_no_end() -> None:
 
 
 def test_the_vehicles_gone_is_the_end() -> None:
-    swarm = Swarm()
+    swarm = SupervisedSwarm()
     swarm.take_off()
     swarm.run(1.0, ended=[Ended("vehicles", -9, "")])
     assert swarm.outcome is SurveyOutcome.FAILED
 
 
 def test_nobody_left() -> None:
-    swarm = Swarm()
+    swarm = SupervisedSwarm()
     swarm.take_off()
     swarm.run(1.0, ended=[Ended(f"drone-{d}", -11, "") for d in (1, 2, 3)])
     assert swarm.over is None, "the vehicles still fly"
@@ -261,7 +261,7 @@ def test_nobody_left() -> None:
 
 
 def test_all_down_without_a_result() -> None:
-    swarm = Swarm()
+    swarm = SupervisedSwarm()
     swarm.take_off()
     swarm.say(Phase.LANDED)
     swarm.world()
@@ -270,7 +270,7 @@ def test_all_down_without_a_result() -> None:
 
 
 def test_agents_that_never_come_up() -> None:
-    swarm = Swarm()
+    swarm = SupervisedSwarm()
     swarm.say(Phase.DISARMED, drones=(1, 3))
     swarm.run(700.0)
     assert swarm.outcome is SurveyOutcome.FAILED
@@ -279,7 +279,7 @@ def test_agents_that_never_come_up() -> None:
 
 
 def test_the_log_counts_from_the_first_take_off() -> None:
-    swarm = Swarm()
+    swarm = SupervisedSwarm()
     swarm.take_off()
     log = swarm.watch.log()
     assert [mark.time_s for mark in log.phases if mark.phase is Phase.SEARCHING] == [0.0] * 3

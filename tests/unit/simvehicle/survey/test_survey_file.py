@@ -12,7 +12,7 @@ from flightstack.config import FormationConfig, LimitsConfig, StrategyConfig
 from mission.documents.yaml_file import DocumentError
 from mission.strategies.locus.strategy import LocusParameters
 from mission.strategies.mobs import MobsParameters
-from simvehicle.fleet.fleet_config import FaultSpec, GaussianPlume, LocusGridPlume, WindConfig
+from simvehicle.faults.fault_table import FaultSpec
 from simvehicle.survey.survey_file import (
     LaunchLine,
     SurveyConfig,
@@ -22,6 +22,7 @@ from simvehicle.survey.survey_file import (
     parse_fault,
     parse_kill,
 )
+from simvehicle.world.world_config import GaussianPlume, LocusGridPlume, WindConfig
 
 EXAMPLES = pathlib.Path(__file__).parents[4] / "examples"
 GOOD = (EXAMPLES / "survey.yaml").read_text(encoding="utf-8")

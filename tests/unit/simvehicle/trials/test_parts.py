@@ -1,4 +1,4 @@
-"""The parts of the trials: luck, plumes, motion, cells, the store, statistics and verdicts."""
+"""The parts of the trials: luck, plumes, motion, cells, the store."""
 
 from __future__ import annotations
 
@@ -13,11 +13,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from simvehicle.experiments.locus.definitions import FULL_RATES, Options, define
-from simvehicle.experiments.locus.verdicts import begins_to_fail, judge
-from simvehicle.experiments.statistics import bootstrap, deviation_ratio, mean_difference, wilson
-from simvehicle.experiments.table import markdown, summarise
-from simvehicle.fleet.fleet_config import GaussianPlume
 from simvehicle.trials import randomness as luck
 from simvehicle.trials.batch import complete
 from simvehicle.trials.cell import Cell
@@ -29,6 +24,7 @@ from simvehicle.trials.store import Block, Run, Store, blocks
 from simvehicle.trials.trace import Tracks
 from simvehicle.trials.trials_error import TrialsError
 from simvehicle.world.gas import Gaussian
+from simvehicle.world.world_config import GaussianPlume
 
 
 @numba.njit
@@ -302,131 +298,3 @@ def test_a_place_that_cannot_be_written_is_one_line(tmp_path: pathlib.Path) -> N
     (tmp_path / "file").write_text("")
     with pytest.raises(TrialsError, match="file"):
         Store(tmp_path / "file", small_run())
-
-
-# --- Experiments ---
-
-
-def test_definitions_have_the_papers_cells() -> None:
-    assert len(FULL_RATES) == 46
-    assert FULL_RATES[0] == 1e-6
-    assert FULL_RATES[-1] == 0.1
-    assert [cell.drones for cell in define("locus-1", Options(strategies=("locus",))).cells] == [5, 10, 20]
-    assert len(define("locus-2", Options(full=True)).cells) == 38
-    three = define("locus-3", Options(full=True))
-    assert len(three.cells) == 2 * 3 * 46
-    assert {cell.failure for cell in three.cells} == {"generic"}
-    assert define("locus-4", Options(quick=True)).trials == 20
-
-
-def test_what_is_named_twice_is_run_once() -> None:
-    twice = Options(sizes=(5, 5), strategies=("locus", "mobs", "locus"))
-    once = Options(sizes=(5,), strategies=("locus", "mobs"))
-    for name in ("locus-1", "locus-2"):
-        assert define(name, twice) == define(name, once)
-    assert define("locus-3", Options(rates=(1e-4, 1e-4))) == define("locus-3", Options(rates=(1e-4,)))
-
-
-@pytest.mark.parametrize(
-    ("name", "options", "words"),
-    [
-        ("locus-9", Options(), "no experiment is called 'locus-9'"),
-        ("locus-1", Options(rates=(1e-3,)), "--rates belongs to"),
-        ("locus-1", Options(trials=0), "--trials must be at least 1"),
-        ("locus-3", Options(rates=(2.0,)), "probability"),
-        ("locus-1", Options(sizes=(0,)), "1 to 1000 drones"),
-    ],
-)
-def test_impossible_experiments_are_named(name: str, options: Options, words: str) -> None:
-    with pytest.raises(TrialsError, match=words):
-        define(name, options)
-
-
-def test_wilson_is_wilsons() -> None:
-    assert wilson(50, 100) == pytest.approx((0.4038, 0.5962), abs=1e-4)
-    assert wilson(100, 100)[1] == 1.0
-    assert wilson(100, 100)[0] == pytest.approx(0.9630, abs=1e-4)
-    assert wilson(0, 0) == (0.0, 1.0)
-
-
-def test_bootstrap_covers_a_known_difference() -> None:
-    rng = np.random.default_rng(3)
-    a = rng.normal(0.0, 1.0, 400)
-    b = a + rng.normal(1.0, 0.5, 400)
-    low, high = bootstrap(mean_difference, a, b)
-    assert low < 1.0 < high
-    assert high - low < 0.2
-    assert bootstrap(deviation_ratio, a, 2.0 * a) == pytest.approx((2.0, 2.0))
-
-
-def made_rows(cell: Cell, contact_s: Any, source_s: Any) -> pd.DataFrame:
-    """Rows as `run_cell` gives them, with times of our own."""
-    rows = run_cell(msgspec.structs.replace(cell, arena_m=30.0), 1, 0, len(contact_s))
-    rows["arena_m"] = cell.arena_m
-    rows["contact_s"], rows["source_s"] = contact_s, source_s
-    rows["success"] = np.isfinite(source_s)
-    return rows
-
-
-def test_verdicts_follow_the_numbers() -> None:
-    rng = np.random.default_rng(1)
-    experiment = define("locus-1", Options(sizes=(5,)))
-    locus, mobs = experiment.cells
-    short = rng.uniform(400.0, 600.0, 60)
-    long = rng.uniform(500.0, 3000.0, 60)
-    rows = pd.concat([made_rows(locus, short, short + 100.0), made_rows(mobs, long, long + 100.0)])
-    verdicts = judge(experiment, rows)
-    assert [one.verdict for one in verdicts] == ["holds"] * 4
-    swapped = pd.concat([made_rows(mobs, short, short + 100.0), made_rows(locus, long, long + 100.0)])
-    assert [one.verdict for one in judge(experiment, swapped)] == ["does not hold"] * 4
-    same = pd.concat([made_rows(mobs, short, short), made_rows(locus, short[::-1], short[::-1])])
-    assert [one.verdict for one in judge(experiment, same)] == ["undecided"] * 4
-
-
-def test_where_a_strategy_begins_to_fail() -> None:
-    cells = [Cell(failure="generic", failure_rate=rate, drones=3) for rate in (1e-6, 1e-5, 1e-4, 1e-3)]
-    rows = []
-    for cell, successes in zip(cells, (100, 98, 93, 10), strict=True):
-        times = np.where(np.arange(100) < successes, 100.0, np.nan)
-        rows.append(made_rows(cell, times, times))
-    assert begins_to_fail(pd.concat(rows), cells) == (1e-5, 1e-3)
-
-
-@pytest.mark.parametrize(
-    ("rates", "successes", "verdict"),
-    [
-        ((2e-4, 9e-4), (100, 20), "holds"),
-        ((1e-5, 1e-4), (100, 24), "does not hold"),  # it has begun before the range begins
-        ((1e-5, 1e-3), (100, 24), "undecided"),  # before or within
-        ((2e-4, 1e-2), (100, 24), "undecided"),
-        ((2e-3, 1e-2), (100, 24), "does not hold"),
-        ((2e-4, 9e-4), (100, 100), "undecided"),
-        ((2e-4, 9e-4), (20, 10), "undecided"),
-    ],
-)
-def test_a_threshold_holds_only_where_the_rates_flown_enclose_it(
-    rates: Any, successes: Any, verdict: str
-) -> None:
-    """The claim: LoCUS with healing begins to fail between 1e-4 and 1e-3."""
-    options = Options(rates=rates, strategies=("locus",), plumes=("smooth",), sizes=(3,))
-    experiment = define("locus-3", options)
-    succeeded = dict(zip(rates, successes, strict=True))
-    rows = []
-    for cell in experiment.cells:
-        times = np.where(np.arange(100) < succeeded[cell.failure_rate], 100.0, np.nan)
-        rows.append(made_rows(cell, times, times))
-    first = judge(experiment, pd.concat(rows))[0]
-    assert "with healing begins to fail" in first.claim
-    assert first.verdict == verdict
-
-
-def test_summaries_and_tables_are_complete() -> None:
-    cell = Cell(drones=3, arena_m=30.0, failure="generic", failure_rate=1e-3)
-    summary = summarise(run_cell(cell, 1, 0, 5), cell)
-    wanted = {"strategy", "drones", "plume", "trials", "success_rate", "contact_s_mean", "contact_s_sd"}
-    wanted |= {"source_s_mean", "source_s_median", "source_s_sd", "failure_rate", "healing"}
-    assert wanted <= summary.keys()
-    assert summary["trials"] == 5
-    assert "1e-03" in markdown([summary])
-    nearly = summary | {"trials": 3000, "success_rate": 0.999, "success_low": 0.9971, "success_high": 0.9997}
-    assert "| 99.9 % | 99.7..100.0 % |" in markdown([nearly])

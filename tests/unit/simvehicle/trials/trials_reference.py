@@ -21,7 +21,7 @@ from mission.strategies.mobs import STATE_SIZE, mobs_begin, mobs_next
 from mission.tree.balanced_tree import next_heal, next_rebalance
 from simvehicle.trials import randomness as luck
 from simvehicle.trials.cell import Cell
-from simvehicle.world.gas import LOCUS_CELL_M, LOCUS_WIDTH_M, locus_grid
+from simvehicle.world.gas_formulas import LOCUS_CELL_M, LOCUS_WIDTH_M, locus_grid
 
 STEP, P, D, CLAMP = 0.00625, 20.0, 10.0, 1000.0
 INSIDE_M = 0.1

@@ -5,8 +5,10 @@ from __future__ import annotations
 import pytest
 
 from mission.geometry.frames import Geodetic
-from simvehicle.fleet.fleet_config import FleetConfig, GaussianPlume, VehicleSpec
+from simvehicle.drone.drone_spec import VehicleSpec
+from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.world.configured import make_world
+from simvehicle.world.world_config import GaussianPlume
 
 
 def fleet(**changes: object) -> FleetConfig:
@@ -34,4 +36,4 @@ def test_without_a_plume_the_air_is_background() -> None:
 def test_the_plume_lies_where_the_wind_goes() -> None:
     world = make_world(fleet())  # the default wind comes from the east
     assert world.co2_ppm((10.0, -30.0, -10.0), 0.0) > 425.0 > world.co2_ppm((10.0, 70.0, -10.0), 0.0)
-    assert world.plume.source_ned_m == pytest.approx((10.0, 20.0, -10.0))
+    assert world.gas.source_ned_m == pytest.approx((10.0, 20.0, -10.0))

@@ -9,8 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simvehicle.fleet.fleet_config import GaussianPlume, LocusGridPlume
-from simvehicle.world.gas import CleanAir, Gaussian, LocusGrid, air_density_kgpm3, locus_grid, make_plume
+from simvehicle.world.atmosphere import air_density_kgpm3
+from simvehicle.world.gas import CleanAir, Gaussian, LocusGrid, make_gas
+from simvehicle.world.gas_formulas import locus_grid
+from simvehicle.world.world_config import GaussianPlume, LocusGridPlume
 
 WEST_WIND = (0.0, 3.0, 0.0)
 CONFIG = GaussianPlume(
@@ -28,14 +30,9 @@ def test_as_much_co2_passes_every_section_as_the_vent_emits() -> None:
     up_m = np.arange(0.25, 150.0, 0.5)
     across_m = np.arange(-200.0, 200.0, 0.5)
     for downwind_m in (0.0, 60.0, 200.0):
-        section = sum(
-            float(
-                model.excess_map_ppm(
-                    40.0 + across_m, np.full_like(across_m, -80.0 + downwind_m), height
-                ).sum()
-            )
-            for height in up_m
-        )
+        north_m, height_m = np.meshgrid(40.0 + across_m, up_m)
+        places = np.stack([north_m, np.full_like(north_m, -80.0 + downwind_m), -height_m], axis=-1)
+        section = float(model.excesses_co2_ppm(places.reshape(-1, 3), 0.0).sum())
         flux_kgps = section * 0.25 * 1e-6 * (44.0095 / 28.9647) * air_density_kgpm3(10.0) * 3.0
         assert flux_kgps == pytest.approx(5.0, rel=0.01)
 
@@ -54,8 +51,9 @@ def test_nowhere_at_survey_altitude_is_stronger_than_the_source(north_m: float, 
 def test_scalar_and_array_agree(north_m: float, east_m: float, up_m: float) -> None:
     for model in (plume(), LocusGrid(LocusGridPlume(source_north_m=3.0, source_east_m=5.0)), CleanAir()):
         one = model.excess_co2_ppm((north_m, east_m, -up_m), 1.0)
-        many = model.excess_map_ppm(np.array([north_m]), np.array([east_m]), up_m)
-        assert float(many[0]) == pytest.approx(one, rel=1e-9, abs=1e-12)
+        many = model.excesses_co2_ppm(np.array([[0.0, 0.0, 0.0], [north_m, east_m, -up_m]]), 1.0)
+        assert many.shape == (2,)
+        assert float(many[1]) == pytest.approx(one, rel=1e-12, abs=1e-15)
         assert one >= 0.0
 
 
@@ -110,7 +108,7 @@ def test_locus_grid_as_the_paper_ran_it(perturbed: bool) -> None:
     assert grid.shape == (2000, 400)
     assert grid.max() == 1.0
     assert grid[grid > 0.0].min() >= 0.005
-    model = make_plume(
+    model = make_gas(
         LocusGridPlume(source_north_m=10.0, source_east_m=20.0, perturbed=perturbed, peak_ppm=500.0),
         WEST_WIND,
         0.0,
@@ -123,6 +121,6 @@ def test_locus_grid_as_the_paper_ran_it(perturbed: bool) -> None:
 
 
 def test_clean_air_has_no_source() -> None:
-    clean = make_plume(None, WEST_WIND, 0.0)
+    clean = make_gas(None, WEST_WIND, 0.0)
     assert math.isnan(clean.source_ned_m[0])
-    assert clean.excess_map_ppm(np.zeros((3, 1)), np.zeros((1, 4)), 10.0).shape == (3, 4)
+    assert clean.excesses_co2_ppm(np.zeros((4, 3)), 10.0).tolist() == [0.0] * 4

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simvehicle.fleet.fleet_config import WindConfig
 from simvehicle.world.wind import GustyWind
+from simvehicle.world.world_config import WindConfig
 
 ORIGIN = (0.0, 0.0, -10.0)
 

@@ -1,0 +1,169 @@
+"""The command `simvehicle experiment`."""
+
+from __future__ import annotations
+
+import contextlib
+import pathlib
+import sys
+from collections.abc import Iterator
+from enum import StrEnum
+from typing import Annotated, Any
+
+import typer
+
+from simvehicle.cli.trial_options import (
+    Acceleration,
+    Arena,
+    Layout,
+    Motion,
+    RMax,
+    RMin,
+    Seed,
+    Speed,
+    numbers,
+    one_line,
+    tell_compiling,
+    words,
+)
+
+
+class RowsName(StrEnum):
+    PARQUET = "parquet"
+    CSV = "csv"
+
+
+def experiment(
+    name: Annotated[str, typer.Argument(help="locus-1, locus-2, locus-3 or locus-4.")],
+    sizes: Annotated[str, typer.Option(help="Swarm sizes: 5,10,20.")] = "",
+    rates: Annotated[str, typer.Option(help="Failure rates of locus-3 and locus-4: 1e-5,1e-4.")] = "",
+    strategies: Annotated[
+        str, typer.Option(help="Of locus, mobs, locus-hybrid, locus-multi; commas between.")
+    ] = "locus,mobs",
+    plumes: Annotated[
+        str, typer.Option(help="Of smooth, perturbed, gaussian, gusty; instead of the experiment's.")
+    ] = "",
+    trials: Annotated[int | None, typer.Option(help="Trials a cell (100; 20 with --quick).")] = None,
+    motion: Motion = "pd",
+    arena: Arena = 100.0,
+    speed: Speed = 5.0,
+    acceleration: Acceleration = 2.0,
+    r_min: RMin = 3.0,
+    r_max: RMax = 3.0,
+    layout: Layout = "rings",
+    seed: Seed = 1,
+    quick: Annotated[bool, typer.Option("--quick", help="A coarse look: fewer trials and rates.")] = False,
+    full: Annotated[bool, typer.Option("--full", help="All sizes 2..20, or 46 failure rates.")] = False,
+    jobs: Annotated[
+        int | None, typer.Option(min=1, help="Processes; default: by the amount of work.")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="A dask scheduler to spread the trials over: tcp://HOST:8786.")
+    ] = None,
+    out: Annotated[
+        pathlib.Path | None, typer.Option(help="Directory of rows, table, figure and verdicts.")
+    ] = None,
+    rows: Annotated[RowsName, typer.Option(help="Kind of the file with one row a trial.")] = RowsName.PARQUET,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON row a cell on standard output.")] = False,
+) -> None:
+    """Run one of the LoCUS paper's experiments, and say which of its claims hold.
+
+    A run that was stopped goes on where it was when the same command is given again.
+    """
+    with one_line():
+        import json
+
+        from simvehicle.experiments.experiment import Options, Verdict
+        from simvehicle.experiments.page import write_report
+        from simvehicle.experiments.papers import paper_of
+        from simvehicle.experiments.run import run_experiment
+        from simvehicle.trials.cell import Cell
+
+        base = Cell(
+            motion=motion,  # type: ignore[arg-type]  # checked by Cell.problems
+            arena_m=arena,
+            speed_mps=speed,
+            acceleration_mps2=acceleration,
+            r_min_m=r_min,
+            r_max_m=r_max,
+            layout=layout,  # type: ignore[arg-type]
+        )
+        options = Options(
+            sizes=numbers(sizes, int, "--sizes"),
+            rates=numbers(rates, float, "--rates"),
+            strategies=words(strategies),
+            plumes=words(plumes),
+            quick=quick,
+            full=full,
+            trials=trials,
+            base=base,
+        )
+        paper_of(name).define(name, options)  # wrong options are told before anything is compiled
+        tell_compiling()
+        with _progress(name) as progress:
+            report = run_experiment(
+                name, options, seed=seed, out=out, jobs=jobs, scheduler=scheduler, progress=progress
+            )
+        page = write_report(report, _command(), rows.value)
+        if as_json:
+            for summary in report.summaries:
+                typer.echo(json.dumps(summary))
+        else:
+            _show(report.summaries, report.verdicts)
+        decided: list[Verdict] = [one for one in report.verdicts if one.verdict == "holds"]
+        typer.echo(f"{len(decided)} of {len(report.verdicts)} claims hold; {page}", err=True)
+
+
+def _command() -> str:
+    """The command as it was given, for the page that shows its results."""
+    return " ".join(["simvehicle", *sys.argv[1:]])
+
+
+@contextlib.contextmanager
+def _progress(name: str) -> Iterator[Any]:
+    """A bar on the terminal's error output; nothing where nobody looks."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn(name),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("trials"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task(name)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def _show(summaries: list[dict[str, Any]], verdicts: list[Any]) -> None:
+    """Table and verdicts for a person."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from simvehicle.experiments.table import percent
+
+    by_rate = any("failure_rate" in one for one in summaries)
+    table = Table(title="times in minutes, mean ± standard deviation")
+    for column in ("strategy", "drones", "plume", *(("healing", "rate") if by_rate else ())):
+        table.add_column(column)
+    for column in ("success", "contact", "max flux", "median", "longest"):
+        table.add_column(column, justify="right")
+
+    def minutes(one: dict[str, Any], *names: str) -> str:
+        values = [one[name] for name in names]
+        return " ± ".join("-" if value is None else f"{value / 60.0:.1f}" for value in values)
+
+    for one in summaries:
+        row = [one["strategy"], str(one["drones"]), one["plume"]]
+        row += ["on" if one["healing"] else "off", f"{one['failure_rate']:.0e}"] if by_rate else []
+        row += [percent(one, "success_rate"), minutes(one, "contact_s_mean", "contact_s_sd")]
+        row += [minutes(one, "source_s_mean", "source_s_sd"), minutes(one, "source_s_median")]
+        table.add_row(*row, minutes(one, "source_s_max"))
+    console = Console()
+    console.print(table)
+    for one in verdicts:
+        console.print(f"{one.verdict.upper()}: {one.claim}\n    {one.statistic}", highlight=False)

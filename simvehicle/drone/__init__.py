@@ -1,0 +1,1 @@
+"""Simulated drones without any I/O: vehicle, instruments and faults, advanced together."""

@@ -1,0 +1,58 @@
+"""What is wrong with a fleet's configuration although every value in it is of its type."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sensors.instruments.sensor_error import SensorError
+from simvehicle.faults.fault_table import FAULTS
+from simvehicle.fleet.fleet_config import FARTHEST_HOME_M, FleetConfig
+from simvehicle.instruments import make_emulator
+
+
+class FleetError(ValueError):
+    """A fleet that cannot be run as configured: which field, and what is wrong with it."""
+
+    def __init__(self, field: str, problem: str) -> None:
+        super().__init__(f"{field}: {problem}")
+        self.field = field
+        self.problem = problem
+
+
+def problems(config: FleetConfig) -> Iterator[FleetError]:
+    """What cannot be flown although every value is of its type."""
+    ids = [vehicle.id for vehicle in config.vehicles]
+    for index, vehicle in enumerate(config.vehicles):
+        if vehicle.id in ids[:index]:
+            yield FleetError(f"vehicles[{index}].id", f"two vehicles have the id {vehicle.id}")
+        for field in ("home_north_m", "home_east_m"):
+            if not abs(getattr(vehicle, field)) <= FARTHEST_HOME_M:
+                yield FleetError(
+                    f"vehicles[{index}].{field}",
+                    f"is more than {FARTHEST_HOME_M / 1000:g} km from the origin",
+                )
+        carried = [instrument.name for instrument in vehicle.instruments]
+        for place, instrument in enumerate(vehicle.instruments):
+            where = f"vehicles[{index}].instruments[{place}]"
+            if instrument.name in carried[:place]:
+                yield FleetError(f"{where}.name", f"two instruments are called {instrument.name}")
+            try:
+                make_emulator(instrument.type, np.random.default_rng(0))
+            except SensorError as error:
+                yield FleetError(f"{where}.type", str(error))
+    for index, fault in enumerate(config.faults):
+        where = f"faults[{index}]"
+        target = next((vehicle for vehicle in config.vehicles if vehicle.id == fault.drone), None)
+        if target is None:
+            yield FleetError(f"{where}.drone", f"no vehicle has the id {fault.drone}; there are {ids}")
+        elif FAULTS[fault.kind].needs_instrument:
+            names = [instrument.name for instrument in target.instruments]
+            if fault.instrument not in names:
+                have = ", ".join(names) or "none"
+                yield FleetError(
+                    f"{where}.instrument", f"vehicle {fault.drone} has no {fault.instrument!r}; it has {have}"
+                )
+        if fault.until_s is not None and fault.until_s <= fault.at_s:
+            yield FleetError(f"{where}.until_s", f"is not after at_s ({fault.at_s:g})")

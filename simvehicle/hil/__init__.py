@@ -1,0 +1,1 @@
+"""Real autopilots in the place of the simulated ones."""

@@ -1,0 +1,225 @@
+"""From a survey and addresses to the configurations of all its parts. Pure: no port is reserved, no file written."""
+
+from __future__ import annotations
+
+import itertools
+import pathlib
+from collections.abc import Iterable, Iterator
+
+import msgspec
+
+from flightstack.config import (
+    AutopilotConfig,
+    DroneConfig,
+    FiltersConfig,
+    InstrumentConfig,
+    SharedClockConfig,
+    SwarmConfig,
+)
+from gcs.station_config import AlarmLimits, GroundConfig, MavlinkConfig
+from simvehicle.drone.drone_spec import EmulatedInstrument, VehicleSpec
+from simvehicle.fleet.fleet_config import FleetConfig
+from simvehicle.survey.survey_file import Survey, SurveyDrone
+from simvehicle.vehicle.dynamics import DRAG_PER_S
+
+AGENT_START_WALL_S = 60.0
+"""How long agents may take to start before the ground station wonders about them."""
+VEHICLES = "vehicles"
+GROUND = "ground"
+LAUNCHER = "launcher"
+"""Our name among the nodes of the swarm and among the followers of the clock."""
+GROUND_STATION = "ground"
+"""The ground station's name among the nodes of the swarm."""
+
+
+class DroneAddresses(msgspec.Struct, frozen=True):
+    """Where one drone's parts meet."""
+
+    endpoint: str
+    """Where its agent listens for the swarm's other nodes, as zenoh writes it: "tcp/HOST:PORT"."""
+    companion: str
+    """"HOST:PORT" (UDP) at which its agent hears its autopilot."""
+    instruments: tuple[str, ...]
+    """"HOST:PORT" (TCP) of each of its instruments, in their order."""
+
+
+class Addresses(msgspec.Struct, frozen=True):
+    """Where the parts of a survey meet."""
+
+    ground_endpoint: str
+    """As a drone's."""
+    ground_mavlink: str
+    """"HOST:PORT" (UDP) at which the ground station hears all vehicles."""
+    drones: tuple[DroneAddresses, ...]
+    """In the survey's order."""
+    directory: pathlib.Path | None = None
+    """For the shared clock, the world's record and the recordings; None: nothing is shared or recorded."""
+
+
+class Draft(msgspec.Struct, frozen=True):
+    """What each part of a survey is given."""
+
+    fleet: FleetConfig
+    drones: tuple[DroneConfig, ...]
+    ground: GroundConfig
+
+    @property
+    def endpoints(self) -> tuple[str, ...]:
+        """Of the ground station and of every drone; a node that joins later connects to them."""
+        return (*self.ground.swarm.listen, *(e for drone in self.drones for e in drone.swarm.listen))
+
+    @property
+    def followers(self) -> tuple[str, ...]:
+        """The processes that follow the clock: the first has slot 1."""
+        return (GROUND, *(agent_name(drone.drone) for drone in self.drones), LAUNCHER)
+
+
+def agent_name(drone: int) -> str:
+    """Name of a drone's agent among the processes, and of its log."""
+    return f"drone-{drone}"
+
+
+def clock_file(directory: pathlib.Path) -> pathlib.Path:
+    return directory / "clock"
+
+
+def truth_file(directory: pathlib.Path) -> pathlib.Path:
+    """Of the world's own record of the flight."""
+    return directory / "truth.csv"
+
+
+def ports_needed(survey: Survey) -> tuple[int, int]:
+    """How many TCP and UDP ports `numbered` takes."""
+    drones = len(survey.drones)
+    return 1 + drones + sum(len(drone.instruments or ()) for drone in survey.drones), 1 + drones
+
+
+def numbered(
+    survey: Survey,
+    host: str,
+    tcp_ports: Iterable[int],
+    udp_ports: Iterable[int],
+    directory: pathlib.Path | None = None,
+) -> Addresses:
+    """Addresses on one host, with ports as they come."""
+    tcp, udp = (map(f"{host}:{{}}".format, ports) for ports in (tcp_ports, udp_ports))
+    ground_endpoint, ground_mavlink = f"tcp/{next(tcp)}", next(udp)
+    drones = tuple(
+        DroneAddresses(f"tcp/{next(tcp)}", next(udp), tuple(next(tcp) for _ in drone.instruments or ()))
+        for drone in survey.drones
+    )
+    return Addresses(ground_endpoint, ground_mavlink, drones, directory)
+
+
+def in_process(survey: Survey) -> Addresses:
+    """Addresses for a swarm in one process (`simvehicle.scenario`): they differ, and nobody opens them."""
+    return numbered(survey, "127.0.0.1", itertools.count(1), itertools.count(1))
+
+
+def draft(survey: Survey, addresses: Addresses) -> Draft:
+    """The configurations of the vehicles, of every drone's agent and of the ground station."""
+    config, directory = survey.config, addresses.directory
+    clock = None if directory is None else str(clock_file(directory))
+    fleet = FleetConfig(
+        origin=config.origin,
+        vehicles=tuple(
+            _vehicle(drone, own, addresses.ground_mavlink)
+            for drone, own in zip(survey.drones, addresses.drones, strict=True)
+        ),
+        wind=config.wind,
+        plume=config.plume,
+        background_co2_ppm=config.background_co2_ppm,
+        speedup=config.speedup,
+        seed=config.seed,
+        ready_after_s=config.ready_after_s,
+        faults=config.faults,
+        clock=clock,
+        truth=None if directory is None else str(truth_file(directory)),
+    )
+    return Draft(fleet, tuple(_drones(survey, addresses, clock)), _ground(survey, addresses, clock))
+
+
+def _vehicle(drone: SurveyDrone, own: DroneAddresses, ground_mavlink: str) -> VehicleSpec:
+    return VehicleSpec(
+        id=drone.id,
+        flavour=drone.flavour,
+        home_north_m=drone.home_north_m,
+        home_east_m=drone.home_east_m,
+        links=(f"udpout:{own.companion}", f"udpout:{ground_mavlink}"),
+        instruments=tuple(
+            EmulatedInstrument(name=i.name, type=i.type, port=port)
+            for i, port in zip(drone.instruments or (), own.instruments, strict=True)
+        ),
+        parameters=drone.parameters,
+    )
+
+
+def _drones(survey: Survey, addresses: Addresses, clock: str | None) -> Iterator[DroneConfig]:
+    config, directory = survey.config, addresses.directory
+    members = tuple(drone.id for drone in survey.drones)
+    others = [addresses.ground_endpoint]
+    for index, (drone, own) in enumerate(zip(survey.drones, addresses.drones, strict=True)):
+        one = DroneConfig(
+            drone=drone.id,
+            swarm=SwarmConfig(
+                name=config.name, members=members, listen=(own.endpoint,), connect=tuple(others)
+            ),
+            origin=config.origin,
+            autopilot=AutopilotConfig(
+                link=f"udpin:{own.companion}",
+                flavour=drone.flavour,
+                parameters=_failsafe_parameters(survey, drone, index),
+            ),
+            instruments=tuple(
+                InstrumentConfig(name=i.name, type=i.type, port=f"socket://{port}", options=i.options)
+                for i, port in zip(drone.instruments or (), own.instruments, strict=True)
+            ),
+            filters=FiltersConfig(wind={"drag": {"linear_per_s": DRAG_PER_S}}),  # its airframe is known
+            formation=config.formation,
+            limits=config.limits,
+            geofence=survey.geofence,
+            strategy=config.strategy,
+            seed=config.seed,
+            speedup=config.speedup,
+            clock=None if clock is None else SharedClockConfig(file=clock, slot=2 + index),
+        )
+        if directory is not None:
+            one = msgspec.structs.replace(one, record_to=str(directory / agent_name(drone.id)))
+        yield one
+        others.append(own.endpoint)
+
+
+def _ground(survey: Survey, addresses: Addresses, clock: str | None) -> GroundConfig:
+    config, directory = survey.config, addresses.directory
+    ground = GroundConfig(
+        station=GROUND_STATION,
+        swarm=SwarmConfig(
+            name=config.name,
+            members=tuple(drone.id for drone in survey.drones),
+            listen=(addresses.ground_endpoint,),
+        ),
+        origin=config.origin,
+        mavlink=MavlinkConfig(links=(f"udpin:{addresses.ground_mavlink}",)),
+        geofence=survey.geofence,
+        alarms=AlarmLimits(
+            ceiling_above_home_m=config.limits.ceiling_above_home_m,
+            # Starting the agents takes the machine's time, which is short in simulated time.
+            absent_s=AGENT_START_WALL_S * config.speedup,
+        ),
+        clock=None if clock is None else SharedClockConfig(file=clock, slot=1),
+        speedup=config.speedup,
+    )
+    return ground if directory is None else msgspec.structs.replace(ground, record_to=str(directory))
+
+
+def _failsafe_parameters(survey: Survey, drone: SurveyDrone, index: int) -> dict[str, float]:
+    """What the agent sets on its autopilot for the time when there is no agent any more.
+
+    Each drone returns at an altitude of its own, that of its layer (see `flightstack.agent`), and an ArduPilot
+    follows the last velocity for 1 s instead of 3.
+    """
+    formation = survey.config.formation
+    above_home_m = formation.above_home_m + formation.layer_gap_m * (index % formation.layers + 1)
+    if drone.flavour == "ardupilot":
+        return {"RTL_ALT": round(above_home_m * 100.0), "GUID_TIMEOUT": 1.0}  # centimetres, seconds
+    return {"RTL_RETURN_ALT": above_home_m}

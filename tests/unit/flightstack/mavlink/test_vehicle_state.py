@@ -1,0 +1,219 @@
+"""What is believed of a vehicle: whether it flies, where it is, and when it has become another one."""
+
+from __future__ import annotations
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from flightstack.mavlink import vehicle_state
+from flightstack.mavlink.codec import MavlinkCodec
+from flightstack.mavlink.modes import Duty, Flavour
+from flightstack.mavlink.vehicle_state import Role, VehicleState
+from mission.geometry.frames import Geodetic, LocalFrame
+
+HOME = Geodetic(-5.06, 151.3, 512.0)
+FRAME = LocalFrame(Geodetic(-5.06, 151.3, 500.0))
+
+
+class Vehicle:
+    """A state, and the autopilot that feeds it frame by frame."""
+
+    def __init__(self, *, autopilot: int = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA) -> None:
+        self.state = VehicleState(3, 1, FRAME)
+        self._autopilot = autopilot
+        self._sender = MavlinkCodec(3, 1)
+        self._codec = MavlinkCodec(255, 190, vehicle_state.STATES, vehicle_state.EVENTS)
+
+    def say(self, now_s: float, message: object) -> None:
+        for received in self._codec.receive(now_s, self._sender.encode(message)):
+            self.state.accept(now_s, received)
+
+    def heartbeat(self, now_s: float, *, armed: bool = True, mode: int = 4, kind: int = 2) -> None:
+        base = mavlink.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0
+        self.say(now_s, mavlink.MAVLink_heartbeat_message(kind, self._autopilot, base, mode, 4, 3))
+
+    def position(self, now_s: float, up_m: float, *, boot_s: float = 100.0, relative_m: float = 0.0) -> None:
+        self.say(
+            now_s,
+            mavlink.MAVLink_global_position_int_message(
+                round(boot_s * 1000),
+                round(HOME.latitude_deg * 1e7),
+                round(HOME.longitude_deg * 1e7),
+                round((HOME.amsl_m + up_m) * 1000),
+                round(relative_m * 1000),
+                100,
+                0,
+                -50,
+                0,
+            ),
+        )
+
+    def home(self, now_s: float) -> None:
+        degrees = (round(HOME.latitude_deg * 1e7), round(HOME.longitude_deg * 1e7))
+        self.say(
+            now_s,
+            mavlink.MAVLink_home_position_message(
+                *degrees, round(HOME.amsl_m * 1000), 0, 0, 0, [1, 0, 0, 0], 0, 0, 0
+            ),
+        )
+
+    def landed(self, now_s: float, state: int) -> None:
+        self.say(now_s, mavlink.MAVLink_extended_sys_state_message(0, state))
+
+
+def test_a_disarmed_vehicle_does_not_fly_whatever_else_it_says() -> None:
+    vehicle = Vehicle()
+    vehicle.heartbeat(0.0, armed=False)
+    vehicle.home(0.0)
+    vehicle.position(0.0, 20.0)
+    vehicle.landed(0.0, mavlink.MAV_LANDED_STATE_IN_AIR)
+    assert vehicle.state.flies(0.0) is False
+
+
+def test_of_an_armed_vehicle_that_says_nothing_nobody_knows() -> None:
+    vehicle = Vehicle()
+    vehicle.heartbeat(0.0)
+    assert vehicle.state.flies(0.0) is None
+
+
+@pytest.mark.parametrize(
+    ("said", "flies"),
+    [
+        (mavlink.MAV_LANDED_STATE_ON_GROUND, False),
+        (mavlink.MAV_LANDED_STATE_IN_AIR, True),
+        (mavlink.MAV_LANDED_STATE_TAKEOFF, True),
+        (mavlink.MAV_LANDED_STATE_LANDING, True),
+        (mavlink.MAV_LANDED_STATE_UNDEFINED, None),
+    ],
+)
+def test_its_own_word_counts_while_it_is_fresh(said: int, flies: bool | None) -> None:
+    vehicle = Vehicle()
+    vehicle.heartbeat(0.0)
+    vehicle.landed(0.0, said)
+    assert vehicle.state.flies(2.9) is flies
+    assert vehicle.state.flies(3.1) is None
+
+
+def test_without_a_word_the_height_over_home_tells_and_what_has_been_high_flies_until_it_is_disarmed() -> (
+    None
+):
+    vehicle = Vehicle()
+    vehicle.heartbeat(0.0)
+    vehicle.home(0.0)
+    vehicle.position(0.0, 0.5)
+    assert vehicle.state.flies(0.0) is False
+    assert vehicle.state.flies(4.0) is None, "the position is old"
+    vehicle.position(5.0, 15.0)
+    assert vehicle.state.flies(5.0) is True
+    vehicle.position(6.0, 0.2)
+    assert vehicle.state.flies(60.0) is True
+    vehicle.heartbeat(61.0, armed=False)
+    vehicle.heartbeat(62.0)
+    vehicle.position(62.0, 0.2)
+    assert vehicle.state.flies(62.0) is False
+
+
+def test_while_home_is_unknown_the_autopilots_own_height_counts() -> None:
+    vehicle = Vehicle()
+    vehicle.heartbeat(0.0)
+    vehicle.position(0.0, 0.0, relative_m=8.0)
+    assert (vehicle.state.above_home_m, vehicle.state.flies(0.0)) == (8.0, True)
+    vehicle.home(1.0)
+    assert vehicle.state.above_home_m == pytest.approx(0.0)
+
+
+def test_a_position_that_the_estimator_does_not_vouch_for_is_none() -> None:
+    vehicle = Vehicle()
+    vehicle.heartbeat(0.0)
+    vehicle.position(0.0, 1.0)
+    assert vehicle.state.position_ned_m == pytest.approx((0.0, 0.0, -13.0), abs=0.02)
+    vehicle.say(1.0, mavlink.MAVLink_ekf_status_report_message(mavlink.EKF_CONST_POS_MODE, 0, 0, 0, 0, 0))
+    vehicle.position(2.0, 9.0)
+    assert vehicle.state.position_ned_m == pytest.approx((0.0, 0.0, -13.0), abs=0.02)
+    assert vehicle.state.position_age_s(2.0) == 2.0
+    vehicle.say(3.0, mavlink.MAVLink_ekf_status_report_message(mavlink.EKF_POS_HORIZ_ABS, 0, 0, 0, 0, 0))
+    vehicle.position(4.0, 9.0)
+    assert vehicle.state.position_ned_m == pytest.approx((0.0, 0.0, -21.0), abs=0.02)
+
+
+def test_without_a_frame_there_are_no_positions_in_it() -> None:
+    vehicle = Vehicle()
+    vehicle.state = VehicleState(3, 1, None)
+    vehicle.home(0.0)
+    vehicle.position(0.0, 1.0)
+    assert vehicle.state.geodetic is not None
+    assert (vehicle.state.position_ned_m, vehicle.state.home_ned_m) == (None, None)
+
+
+def test_a_clock_that_goes_far_back_is_another_start_and_one_that_goes_a_little_back_is_late() -> None:
+    vehicle = Vehicle()
+    vehicle.heartbeat(0.0)
+    vehicle.home(0.0)
+    vehicle.position(0.0, 5.0, boot_s=100.0)
+    vehicle.position(0.1, 7.0, boot_s=99.0)
+    assert vehicle.state.above_home_m == pytest.approx(5.0)
+    assert vehicle.state.boots == 0
+    vehicle.position(0.2, 0.0, boot_s=2.0)
+    state = vehicle.state
+    assert (state.boots, state.home, state.flies(0.2)) == (1, None, False)
+    # What it is and whether it is armed, its heartbeats tell: a late frame must not disarm it.
+    assert (state.armed, state.flavour, state.role) == (True, Flavour.ARDUPILOT, Role.AUTOPILOT)
+    assert state.is_connected(0.2)
+
+
+def test_the_mode_has_a_name_and_an_age() -> None:
+    vehicle = Vehicle(autopilot=mavlink.MAV_AUTOPILOT_PX4)
+    assert (vehicle.state.mode, vehicle.state.in_mode(Duty.HOLD)) == ("", False)
+    for now_s in (1.0, 2.0):
+        vehicle.heartbeat(now_s, mode=3 << 24 | 4 << 16)
+    assert (vehicle.state.mode, vehicle.state.mode_since_s) == ("HOLD", 1.0)
+    assert vehicle.state.in_mode(Duty.HOLD)
+
+
+@pytest.mark.parametrize(
+    ("kind", "autopilot", "role"),
+    [
+        (mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4, Role.AUTOPILOT),
+        (mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, Role.GROUND),
+        (mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, Role.GROUND),
+        (mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID, Role.COMPANION),
+        (mavlink.MAV_TYPE_GIMBAL, mavlink.MAV_AUTOPILOT_INVALID, Role.OTHER),
+    ],
+)
+def test_what_a_component_is_its_heartbeat_says(kind: int, autopilot: int, role: Role) -> None:
+    vehicle = Vehicle(autopilot=autopilot)
+    vehicle.heartbeat(0.0, kind=kind)
+    assert vehicle.state.role is role
+    assert vehicle.state.armed is (role is Role.AUTOPILOT)
+
+
+def test_of_several_batteries_the_first_counts_and_an_unknown_charge_is_none() -> None:
+    vehicle = Vehicle()
+
+    def battery(identity: int, percent: int) -> object:
+        return mavlink.MAVLink_battery_status_message(identity, 0, 0, 0, [0] * 10, 0, 0, 0, percent)
+
+    vehicle.say(0.0, battery(0, 70))
+    vehicle.say(1.0, battery(1, 20))
+    assert vehicle.state.battery_fraction == pytest.approx(0.7)
+    vehicle.say(2.0, mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 11500, 0, 55, 0, 0, 0, 0, 0, 0))
+    assert (vehicle.state.battery_fraction, vehicle.state.battery_voltage_v) == (0.55, 11.5)
+    vehicle.say(3.0, mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 0xFFFF, 0, -1, 0, 0, 0, 0, 0, 0))
+    assert (vehicle.state.battery_fraction, vehicle.state.battery_voltage_v) == (None, None)
+
+
+def test_parts_of_a_text_are_put_together_and_one_without_its_end_comes_after_a_second() -> None:
+    vehicle = Vehicle()
+    text = "PreArm: " + "x" * 60
+
+    def part(identity: int, number: int) -> object:
+        piece = text[50 * number : 50 * number + 50]
+        return mavlink.MAVLink_statustext_message(4, piece.encode(), identity, number)
+
+    vehicle.say(0.0, part(7, 0))
+    vehicle.say(0.1, part(7, 1))
+    vehicle.say(0.2, part(8, 0))
+    vehicle.state.flush(1.0)
+    assert [told.text for told in vehicle.state.new_texts] == [text]
+    vehicle.state.flush(1.3)
+    assert [told.text for told in vehicle.state.new_texts] == [text, text[:50]]
