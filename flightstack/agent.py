@@ -193,7 +193,8 @@ class Agent:
 
     def _transferring(self, now_s: float, vehicle: VehicleReport, news: TreeNews) -> bool:
         """Whether this drone is on its way to a slot that a heal gave it."""
-        if news.moved and self._tree.member and self.phase.phase in IN_FORMATION:
+        apart = self._tree.order is not None and self._tree.order.apart
+        if news.moved and self._tree.member and self.phase.phase in IN_FORMATION and not apart:
             self._transfer_since_s = now_s
         if self._transfer_since_s is None:
             return False
