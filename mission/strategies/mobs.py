@@ -202,7 +202,7 @@ class Mobs:
         )
 
     def _order(self, observation: Observation) -> Order | None:
-        """At the root: the search's beginning and its end."""
+        """At the root: the search's beginning, that somebody has contact, and its end."""
         order = observation.order
         if order is None:
             return None
@@ -224,6 +224,8 @@ class Mobs:
             )
         if observation.elapsed_s > self._p.search_limit_s:
             return msgspec.structs.replace(order, sequence=order.sequence + 1, stage=Stage.GIVE_UP)
+        if self._to_beat and order.stage is Stage.SEARCH:
+            return msgspec.structs.replace(order, sequence=order.sequence + 1, stage=Stage.TRACK)
         return None
 
     def _beats(self, reading: Reading, best: Reading | None) -> bool:

@@ -114,7 +114,7 @@ class LocusMulti:
         if observation.tree.root != observation.own.drone:
             return decision
         orders = [word.order for word in told.values()] + ([self._order] if self._order else [])
-        return msgspec.structs.replace(decision, order=self._end(observation, order, orders))
+        return msgspec.structs.replace(decision, order=self._survey(observation, order, orders))
 
     def _form_up(self, observation: Observation, rng: np.random.Generator) -> Decision:
         decision = self._whole.decide(observation, rng)
@@ -175,8 +175,8 @@ class LocusMulti:
         north_m, east_m = group_centre(number, len(note.groups), gap_m)
         return start[0] + north_m, start[1] + east_m, start[2]
 
-    def _end(self, observation: Observation, order: Order, orders: Sequence[Order]) -> Order | None:
-        """At the tree's root: the survey's end, when it has come."""
+    def _survey(self, observation: Observation, order: Order, orders: Sequence[Order]) -> Order | None:
+        """At the tree's root: the survey's end when it has come, and whether any sub-swarm has contact."""
         for found in orders:
             if found.stage is Stage.FOUND and found.source_ned_m is not None:
                 return msgspec.structs.replace(
@@ -188,6 +188,9 @@ class LocusMulti:
                 )
         if observation.elapsed_s > self._p.search_limit_s:
             return msgspec.structs.replace(order, sequence=order.sequence + 1, stage=Stage.GIVE_UP)
+        stage = Stage.TRACK if any(one.stage is Stage.TRACK for one in orders) else Stage.SEARCH
+        if stage is not order.stage:
+            return msgspec.structs.replace(order, sequence=order.sequence + 1, stage=stage)
         return None
 
 
