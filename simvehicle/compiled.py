@@ -21,8 +21,12 @@ import numba.extending
 import mission
 import mission.geometry.formation as formation_rules
 import mission.strategies.locus.gradient as gradient_rules
+import mission.strategies.locus.groups as group_rules
+import mission.strategies.locus.rule as locus_rules
+import mission.strategies.locus.seats as seat_rules
 import mission.strategies.locus.spiral as spiral_rules
 import mission.strategies.mobs as mobs_rules
+import mission.strategies.spokes as spoke_rules
 import mission.tree.balanced_tree as tree_rules
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -36,6 +40,19 @@ _RULES = (
     gradient_rules.plane_gradient,
     gradient_rules.waypoint_uphill,
     spiral_rules.spiral_point,
+    spiral_rules.spiral_index,
+    spoke_rules.next_on_spokes,
+    spoke_rules.next_bearing,
+    locus_rules.locus_begin,
+    locus_rules.contacts,
+    locus_rules.locus_next,
+    locus_rules.turn,
+    locus_rules.keep_best,
+    locus_rules.search_on,
+    locus_rules.is_at,
+    seat_rules.nearest_first,
+    group_rules.group_count,
+    group_rules.group_begin,
     mobs_rules.mobs_begin,
     mobs_rules.mobs_next,
     formation_rules.rotated,
@@ -48,6 +65,10 @@ _MISSION = (
     "strategies/locus/gradient",
     "strategies/mobs",
     "strategies/locus/spiral",
+    "strategies/locus/rule",
+    "strategies/locus/seats",
+    "strategies/locus/groups",
+    "strategies/spokes",
 )
 _TRIALS = (
     "cell",

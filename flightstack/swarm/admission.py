@@ -39,9 +39,9 @@ FASTEST_MPS = 200.0
 LARGEST_COUNT = 1 << 31
 """Of epochs, orders and heals: a swarm that made one a second would need 68 years."""
 LONGEST_WORD = 200
-NOTE_AT_MOST_BYTES = 512
+NOTE_AT_MOST_BYTES = 1024
 """Of an order's note: it goes out with every tree message."""
-WORD_AT_MOST_BYTES = 256
+WORD_AT_MOST_BYTES = 512
 """Of a strategy's word: it goes out with every state."""
 OLDEST_S = 86_400.0
 MOST_VEHICLES = 255

@@ -113,7 +113,7 @@ class SwarmMember:
             tree.order,
             tree.readings,
             self._slot_ned_m(),
-            news.moved and tree.member,
+            news.moved and tree.member and not (tree.order is not None and tree.order.apart),
             tree.shut_out,
             self._peers.part(now_s, self._lost_after_s),
             self._peers.ground_heard_s,

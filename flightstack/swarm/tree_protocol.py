@@ -329,7 +329,7 @@ class SwarmTree:
             return
         order = self.order or Order(0, Stage.FORM, self._start_ned_m, 0.0)
         anchor_ned_m = order.anchor_ned_m
-        if order.stage is not Stage.FORM:
+        if order.stage is not Stage.FORM and not order.apart:
             where = {d: p.position_ned_m for d, p in peers.items() if now_s - p.heard_s < HEARD_S}
             where[self._drone] = own_position_ned_m
             stay = {d: s for d, s in healed.slots.items() if self.slots[d] == s}

@@ -67,6 +67,9 @@ class Order(msgspec.Struct, frozen=True, array_like=True):
     """The estimated source, when the stage is FOUND."""
     note: bytes = b""
     """What the strategy's next root needs to go on (`mission.strategies.packed`); nobody else reads it."""
+    apart: bool = False
+    """The drones do not stand in their slots about the anchor (each alone, in groups, seated otherwise): a heal gives
+    slots without flying anybody to them, and leaves the anchor where it is."""
 
 
 class OwnState(msgspec.Struct, frozen=True):

@@ -15,9 +15,19 @@ from msgspec import Meta
 from mission.geometry.formation import FloatArray, Layout
 from mission.geometry.frames import Vector3
 from mission.strategies.arrival import Arrival
-from mission.strategies.contract import Decision, GoTo, Hold, Observation
+from mission.strategies.contract import (
+    Decision,
+    GoTo,
+    Hold,
+    Observation,
+    Order,
+    OwnState,
+    Reading,
+    Stage,
+)
+from mission.strategies.packed import Packed, is_contact
+from mission.strategies.spokes import GOLDEN, next_bearing, next_on_spokes
 
-GOLDEN = (1.0 + math.sqrt(5.0)) / 2.0
 _ZEROS = 4
 """After more than so many moth steps with nothing before and nothing after, back to the spokes."""
 
@@ -52,10 +62,7 @@ def mobs_next(
             state[BEFORE] = 0.0
             state[ZEROS] = 0.0
         else:
-            state[ALONG] += step_m
-            if state[ALONG] > radius_m * (1.0 + 1e-9):
-                state[ALONG] = 0.0
-                state[BEARING] = (state[BEARING] + 2.0 * math.pi / GOLDEN) % (2.0 * math.pi)
+            state[ALONG], state[BEARING] = next_on_spokes(state[ALONG], state[BEARING], radius_m, step_m)
     if state[MOTH] == 1.0:
         if reading == 0.0 and state[BEFORE] == 0.0:
             state[ZEROS] += 1.0
@@ -64,7 +71,7 @@ def mobs_next(
         if state[ZEROS] > _ZEROS:
             state[MOTH] = 0.0
             state[ALONG] = 0.0
-            state[BEARING] = (state[BEARING] + 2.0 * math.pi / GOLDEN) % (2.0 * math.pi)
+            state[BEARING] = next_bearing(state[BEARING])
         else:
             if reading <= state[BEFORE]:
                 state[HEADING] = 2.0 * math.pi * draw
@@ -87,55 +94,142 @@ class MobsParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """A drone that stands still this long away from its waypoint decides there."""
     detection_ppm: Annotated[float, Meta(gt=0.0)] = 20.0
     detection_sigmas: Annotated[float, Meta(ge=0.0)] = 4.0
+    improvement_fraction: Annotated[float, Meta(ge=0.0)] = 0.02
+    """A better reading exceeds the best by this fraction and one standard deviation."""
+    patience_s: Annotated[float, Meta(gt=0.0)] = 180.0
+    """The source counts as found where the best reading was taken, once nobody has beaten it for so long."""
+    search_limit_s: Annotated[float, Meta(gt=0.0)] = 1200.0
+    """The search is given up so long after the drones began to form up."""
+
+
+class MobsFlight:
+    """One drone's way by the rule, waypoint after waypoint."""
+
+    def __init__(self, centre_ned_m: Vector3, bearing_rad: float, p: MobsParameters) -> None:
+        self._centre = centre_ned_m
+        self._p = p
+        self._arrival = Arrival(
+            arrival_m=p.arrival_m, settle_mps=p.settle_mps, settle_s=p.settle_s, blocked_s=p.blocked_s
+        )
+        self._state = np.zeros(STATE_SIZE)
+        mobs_begin(self._state, bearing_rad)
+        self._target = centre_ned_m
+        self.arrived = False
+        """Whether the drone arrived at a waypoint in the newest step."""
+
+    def step(self, elapsed_s: float, own: OwnState, reading: float, rng: np.random.Generator) -> Vector3:
+        """The waypoint to fly to. `reading` is what is read now, 0 without contact."""
+        self.arrived = self._arrival.step(elapsed_s, own.position_ned_m, own.velocity_ned_mps, self._target)
+        if self.arrived:
+            north_m, east_m = mobs_next(
+                self._state,
+                own.position_ned_m[0] - self._centre[0],
+                own.position_ned_m[1] - self._centre[1],
+                reading,
+                self._p.radius_m,
+                self._p.step_m,
+                float(rng.random()),
+            )
+            self._target = (
+                self._centre[0] + float(north_m),
+                self._centre[1] + float(east_m),
+                self._centre[2],
+            )
+        return self._target
+
+
+def contact_of(own: OwnState, detection_ppm: float, detection_sigmas: float) -> Reading | None:
+    """The reading that a drone takes where it is, None where that is no contact."""
+    co2 = own.excess_co2_ppm
+    if co2 is None or not co2.mean > max(detection_ppm, detection_sigmas * math.sqrt(max(co2.variance, 0.0))):
+        return None
+    return Reading(own.drone, 0, own.position_ned_m, co2.mean, co2.variance)
+
+
+def first_bearing_rad(drone: int, rng: np.random.Generator) -> float:
+    """Where a drone's first spoke leads. Its number sets the spokes of drones apart that share a seed."""
+    return 2.0 * math.pi * ((rng.random() + drone / GOLDEN) % 1.0)
+
+
+class MobsWord(msgspec.Struct, frozen=True, array_like=True, tag="mobs"):
+    best: Reading
+    """The strongest reading that the drone has taken at its waypoints."""
+
+    def __post_init__(self) -> None:
+        if not is_contact(self.best):
+            raise ValueError("the reading in the word is none")
+
+
+_WORD = Packed(MobsWord)
 
 
 class Mobs:
-    """One independent drone. It gives no orders and no readings, and nothing ends its search but the survey's end."""
+    """One independent drone. Nobody steers another; but a survey has an end, and the tree's root gives it.
+
+    Every drone tells the others its best reading. Once none has been beaten for `patience_s`, the source counts as
+    found where the best of them was taken: no plume is fitted to a moth's few readings, so that this is as near as
+    the moth came. The paper stops by knowing the answer.
+    """
 
     Parameters = MobsParameters
 
     def __init__(self, layout: Layout, parameters: MobsParameters | None = None) -> None:
         del layout  # independent drones hold no formation once they have formed up
         self._p = parameters or MobsParameters()
-        self._arrival = Arrival(
-            arrival_m=self._p.arrival_m,
-            settle_mps=self._p.settle_mps,
-            settle_s=self._p.settle_s,
-            blocked_s=self._p.blocked_s,
-        )
-        self._state = np.zeros(STATE_SIZE)
-        self._start: Vector3 | None = None
-        self._target: Vector3 | None = None
+        self._flight: MobsFlight | None = None
+        self._best: Reading | None = None
+        """This drone's own."""
+        self._to_beat: Reading | None = None
+        """The swarm's, as the root knows it."""
+        self._to_beat_since_s = 0.0
 
     def decide(self, observation: Observation, rng: np.random.Generator) -> Decision:
         own = observation.own
-        if self._start is None:
+        if self._flight is None:
             if self._p.start_ned_m is None and observation.order is None:
                 return Decision(Hold())
             anchor = observation.order.anchor_ned_m if observation.order else own.position_ned_m
-            self._start = self._p.start_ned_m or anchor
-            # The members share the seed of their randomness: the drone's own number sets the spokes apart.
-            first = (rng.random() + own.drone / GOLDEN) % 1.0
-            mobs_begin(self._state, 2.0 * math.pi * first)
-            self._target = self._start
-        start = self._start
-        target = self._target or start
-        if self._arrival.step(observation.elapsed_s, own.position_ned_m, own.velocity_ned_mps, target):
-            co2 = own.excess_co2_ppm
-            reading = 0.0
-            if co2 is not None and co2.mean > max(
-                self._p.detection_ppm, self._p.detection_sigmas * math.sqrt(max(co2.variance, 0.0))
-            ):
-                reading = co2.mean
-            north_m, east_m = mobs_next(
-                self._state,
-                own.position_ned_m[0] - start[0],
-                own.position_ned_m[1] - start[1],
-                reading,
-                self._p.radius_m,
-                self._p.step_m,
-                float(rng.random()),
+            start = self._p.start_ned_m or anchor
+            self._flight = MobsFlight(start, first_bearing_rad(own.drone, rng), self._p)
+        contact = contact_of(own, self._p.detection_ppm, self._p.detection_sigmas)
+        reading = contact.excess_co2_ppm if contact is not None else 0.0
+        target = self._flight.step(observation.elapsed_s, own, reading, rng)
+        if self._flight.arrived and contact is not None and self._beats(contact, self._best):
+            self._best = contact
+        order = self._order(observation) if observation.tree.root == own.drone else None
+        return Decision(
+            GoTo(target), order=order, word=_WORD.pack(MobsWord(self._best)) if self._best else b""
+        )
+
+    def _order(self, observation: Observation) -> Order | None:
+        """At the root: the search's beginning, that somebody has contact, and its end."""
+        order = observation.order
+        if order is None:
+            return None
+        if not order.apart:
+            return msgspec.structs.replace(order, sequence=order.sequence + 1, stage=Stage.SEARCH, apart=True)
+        words = [_WORD.unpack(neighbour.word) for neighbour in observation.neighbours]
+        told = [word.best for word in words if word is not None]
+        for reading in (*told, *([self._best] if self._best else [])):
+            if self._beats(reading, self._to_beat):
+                self._to_beat, self._to_beat_since_s = reading, observation.elapsed_s
+        if self._to_beat and observation.elapsed_s - self._to_beat_since_s >= self._p.patience_s:
+            source = self._to_beat.position_ned_m
+            return msgspec.structs.replace(
+                order,
+                sequence=order.sequence + 1,
+                stage=Stage.FOUND,
+                anchor_ned_m=source,
+                source_ned_m=source,
             )
-            self._target = (start[0] + north_m, start[1] + east_m, start[2])
-            target = self._target
-        return Decision(GoTo(target))
+        if observation.elapsed_s > self._p.search_limit_s:
+            return msgspec.structs.replace(order, sequence=order.sequence + 1, stage=Stage.GIVE_UP)
+        if self._to_beat and order.stage is Stage.SEARCH:
+            return msgspec.structs.replace(order, sequence=order.sequence + 1, stage=Stage.TRACK)
+        return None
+
+    def _beats(self, reading: Reading, best: Reading | None) -> bool:
+        if best is None:
+            return True
+        beat_ppm = best.excess_co2_ppm * (1.0 + self._p.improvement_fraction)
+        return reading.excess_co2_ppm > beat_ppm + math.sqrt(reading.variance_ppm2 + best.variance_ppm2)

@@ -7,9 +7,15 @@ has to ask whether a number in its own struct is one: the struct's `__post_init_
 
 from __future__ import annotations
 
+import math
 from typing import Generic, TypeVar
 
 import msgspec
+
+from mission.strategies.contract import Reading
+
+FARTHEST_M = 100_000.0
+"""From the origin, per axis: farther away is no place of a survey."""
 
 T = TypeVar("T", bound=msgspec.Struct)
 
@@ -37,3 +43,12 @@ class Packed(Generic[T]):
         # Text that is not UTF-8, or arrays nested thousands deep, are not errors of msgspec's own.
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
             return None
+
+
+def is_contact(reading: Reading) -> bool:
+    """Whether a reading that was heard of can be one that found something."""
+    return (
+        0.0 < reading.excess_co2_ppm <= 1e9
+        and 0.0 <= reading.variance_ppm2 < math.inf
+        and all(abs(axis) <= FARTHEST_M for axis in reading.position_ned_m)
+    )

@@ -8,10 +8,17 @@ import msgspec
 
 from mission.geometry.formation import Layout
 from mission.strategies.contract import Strategy
+from mission.strategies.locus.hybrid import LocusHybrid
+from mission.strategies.locus.multi import LocusMulti
 from mission.strategies.locus.strategy import Locus
 from mission.strategies.mobs import Mobs
 
-STRATEGIES: dict[str, type[Locus] | type[Mobs]] = {"locus": Locus, "mobs": Mobs}
+STRATEGIES: dict[str, type[Locus] | type[Mobs] | type[LocusHybrid] | type[LocusMulti]] = {
+    "locus": Locus,
+    "mobs": Mobs,
+    "locus-hybrid": LocusHybrid,
+    "locus-multi": LocusMulti,
+}
 """Name in a configuration file -> class. A class takes (layout, parameters) and has its typed `Parameters`."""
 
 

@@ -7,6 +7,8 @@ import math
 import numpy as np
 
 from mission.geometry.formation import FloatArray, IntArray
+from mission.strategies.locus.groups import group_begin, group_count
+from mission.strategies.locus.seats import nearest_first
 from simvehicle.compiled import compiled, kernel
 from simvehicle.trials.flight import (
     ARENA_M,
@@ -182,23 +184,12 @@ def _hybrid(
     _settle_mobs(drones, contact)
     holder = np.full(count, -1, np.int64)
     placed = np.zeros(count, np.int64)
-    for slot in range(count):
-        nearest = -1
-        least_m = math.inf
-        for i in range(count):
-            away_m = math.hypot(
-                drones.rows[i, X] - drones.rows[caller, X], drones.rows[i, Y] - drones.rows[caller, Y]
-            )
-            if drones.alive[i] == 1 and placed[i] == 0 and away_m < least_m:
-                nearest, least_m = i, away_m
-        if nearest >= 0:
-            placed[nearest] = 1
-            holder[slot] = nearest
+    x, y = drones.rows[caller, X], drones.rows[caller, Y]
+    nearest_first(drones.rows[:, X], drones.rows[:, Y], drones.alive, x, y, placed, holder)
     if holder[0] < 0:
         return
     stream = np.zeros(1, np.uint64)
     open_stream(stream, seed, trial, DECISIONS)
-    x, y = drones.rows[caller, X], drones.rows[caller, Y]
     fly_locus(scene, drones, labels, slots, holder, numbers, stream, x, y)
 
 
@@ -214,7 +205,7 @@ def _multi(
 ) -> None:
     """Several sub-swarms of about GROUP drones, each a LoCUS swarm of its own on golden spokes of its own."""
     count = drones.alive.shape[0]
-    groups = max(1, int(count // setup[GROUP]))
+    groups = group_count(count, int(setup[GROUP]))
     total = drones.tally
     limit = total[LIMIT]
     stream = np.zeros(1, np.uint64)
@@ -225,8 +216,8 @@ def _multi(
             total[CONTACT] = NEVER
         total[NOW] = 0
         for group in range(groups):
-            first = group * count // groups
-            members = (group + 1) * count // groups - first
+            first = group_begin(group, groups, count)
+            members = group_begin(group + 1, groups, count) - first
             part = new_drones(members, limit, drones.legs if last_round == 1 else drones.legs[:0])
             part.tally[LEGS] = total[LEGS] if last_round == 1 else 0
             prepare_drones(part, first, setup, seed, trial)

@@ -8,9 +8,17 @@ from typing import NamedTuple
 import numpy as np
 
 from mission.geometry.formation import FloatArray, IntArray, rotated
-from mission.strategies.locus.gradient import plane_gradient, waypoint_uphill
-from mission.strategies.locus.spiral import spiral_point
-from mission.strategies.mobs import STATE_SIZE, mobs_begin, mobs_next
+from mission.strategies.locus.rule import (
+    ANCHOR_E,
+    ANCHOR_N,
+    ROTATION,
+    RULE_NUMBERS,
+    STATE_SIZE,
+    contacts,
+    locus_begin,
+    locus_next,
+    turn,
+)
 from mission.tree.balanced_tree import next_heal, next_rebalance
 from simvehicle.compiled import kernel
 from simvehicle.trials.flight import (
@@ -31,22 +39,8 @@ from simvehicle.trials.flight import (
 from simvehicle.trials.motion import X, Y, straight_ticks
 from simvehicle.trials.randomness import Stream, uniform
 
-# Places in the numbers of a LoCUS swarm.
-(
-    HEALING,
-    STEP_M,
-    JITTER_M,
-    FIRST_TURN_RAD,
-    TURN_RAD,
-    ARMS_M,
-    DROP_M,
-    SPOKES,
-    SPOKE_STEP_M,
-    LOCUS_NUMBERS,
-) = range(10)
-
-_LEAST_EXTENT_M = 1e-6
-"""Readings that are nearer together than this were taken at one point."""
+# Places in the numbers of a LoCUS swarm, after those of its rule.
+HEALING, FIRST_TURN_RAD, DROP_M, LOCUS_NUMBERS = range(RULE_NUMBERS, RULE_NUMBERS + 4)
 
 
 class Slots(NamedTuple):
@@ -174,15 +168,16 @@ def fly_locus(
     window_x = np.zeros(2 * count)
     window_y = np.zeros(2 * count)
     window = np.zeros(2 * count)
-    weight = np.ones(2 * count)
+    exact = np.zeros(2 * count)
+    contact = np.zeros(2 * count)
+    weight = np.zeros(2 * count)
     filled = 0
-    spoke = np.zeros(STATE_SIZE)
-    mobs_begin(spoke, 2.0 * math.pi * uniform(draws))
-    turn_rad = numbers[FIRST_TURN_RAD] * uniform(draws)
+    state = np.zeros(STATE_SIZE)
+    bearing_rad = 2.0 * math.pi * uniform(draws)
+    locus_begin(state, centre_x, centre_y, numbers[FIRST_TURN_RAD] * uniform(draws), bearing_rad)
     drop_ticks = straight_ticks(scene.motion, numbers[DROP_M], scene.powers, drones.work)
-    x, y = centre_x, centre_y
-    index = 0
     while True:
+        x, y, turn_rad = state[ANCHOR_N], state[ANCHOR_E], state[ROTATION]
         for slot in range(holder.shape[0]):
             if holder[slot] >= 0 and required[holder[slot]] == 1:
                 _aim(scene, drones, slots, slot, holder[slot], x, y, turn_rad)
@@ -215,17 +210,22 @@ def fly_locus(
                 window_y[filled] = drones.rows[drone, Y]
                 window[filled] = read_at(scene, drones.rows[drone], drones.tally[NOW])
                 filled += 1
-        slope_x, slope_y, _ = plane_gradient(window_x, window_y, window, weight, filled, _LEAST_EXTENT_M)
-        jitter_x = numbers[JITTER_M] * (2.0 * uniform(draws) - 1.0)
-        jitter_y = numbers[JITTER_M] * (2.0 * uniform(draws) - 1.0)
-        more_rad = numbers[TURN_RAD] * uniform(draws)
-        uphill, x, y = waypoint_uphill(slope_x, slope_y, x, y, numbers[STEP_M], jitter_x, jitter_y)
-        if uphill:
-            turn_rad += more_rad
-        else:
-            index += 1
-            if numbers[SPOKES] > 0.0:
-                dx, dy = mobs_next(spoke, 0.0, 0.0, 0.0, scene.world[ARENA_M], numbers[SPOKE_STEP_M], 0.0)
-            else:
-                dx, dy = spiral_point(index, numbers[ARMS_M], False)
-            x, y = centre_x + dx, centre_y + dy
+        draw_x, draw_y, draw_turn = uniform(draws), uniform(draws), uniform(draws)
+        some = contacts(numbers, window, exact, filled, contact, weight)
+        if locus_next(
+            state,
+            numbers,
+            window_x,
+            window_y,
+            contact,
+            exact,
+            weight,
+            filled,
+            filled - keep,
+            some,
+            0.0,
+            0.0,
+            draw_x,
+            draw_y,
+        ):
+            turn(state, numbers, draw_turn)

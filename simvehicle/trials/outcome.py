@@ -10,6 +10,8 @@ import numpy as np
 import pandas as pd
 
 from mission.geometry.formation import FloatArray
+from mission.strategies.locus import rule
+from mission.strategies.locus.groups import group_count
 from mission.strategies.locus.spiral import arm_spacing_m
 from simvehicle.trials import locus as locus_kernel
 from simvehicle.trials.cell import Cell
@@ -47,6 +49,8 @@ from simvehicle.trials.motion import POWERS, TICKS_PER_S, Cruise, Pd, motion_num
 from simvehicle.trials.plume import plume_numbers
 
 _MOBS_STEP_M = 1.0
+_SAME_POINT_M = 1e-6
+"""Readings that are nearer together than this were taken at one point."""
 
 
 class Setup(NamedTuple):
@@ -66,7 +70,7 @@ def kernel_setup(cell: Cell) -> Setup:
         raise ValueError("; ".join(problems))
     layout = cell.formation()
     spokes = cell.strategy == "locus-multi"
-    groups = max(1, cell.drones // cell.group) if spokes else 1
+    groups = group_count(cell.drones, cell.group) if spokes else 1
     members = math.ceil(cell.drones / groups)
     table = layout.table(members)
     slots = locus_kernel.Slots(
@@ -78,14 +82,18 @@ def kernel_setup(cell: Cell) -> Setup:
     )
     numbers = np.zeros(locus_kernel.LOCUS_NUMBERS)
     numbers[locus_kernel.HEALING] = float(cell.healing)
-    numbers[locus_kernel.STEP_M] = cell.step_m
-    numbers[locus_kernel.JITTER_M] = cell.jitter_m
     numbers[locus_kernel.FIRST_TURN_RAD] = math.pi
-    numbers[locus_kernel.TURN_RAD] = cell.turn_rad
-    numbers[locus_kernel.ARMS_M] = arm_spacing_m(layout.full_levels(members), cell.r_max_m)
     numbers[locus_kernel.DROP_M] = cell.r_min_m
-    numbers[locus_kernel.SPOKES] = float(spokes)
-    numbers[locus_kernel.SPOKE_STEP_M] = cell.r_max_m
+    numbers[rule.STEP_M] = cell.step_m
+    numbers[rule.JITTER_M] = cell.jitter_m
+    numbers[rule.TURN_RAD] = cell.turn_rad
+    numbers[rule.NOISE] = 1.0
+    numbers[rule.EXTENT_M] = _SAME_POINT_M
+    numbers[rule.PATTERN] = rule.SPOKES if spokes else rule.SPIRAL
+    numbers[rule.ARMS_M] = arm_spacing_m(layout.full_levels(members), cell.r_max_m)
+    numbers[rule.LIMIT_M] = math.inf
+    numbers[rule.SPOKE_M] = cell.arena_m
+    numbers[rule.SPOKE_STEP_M] = cell.r_max_m
     setup = np.zeros(SETUP_NUMBERS)
     setup[GENERIC_RATE] = cell.failure_rate if cell.failure == "generic" else 0.0
     setup[MOBS_STEP_M] = _MOBS_STEP_M

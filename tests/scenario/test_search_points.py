@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from mission.geometry.formation import Hexagonal, Layout
+from mission.geometry.formation import FloatArray, Hexagonal, Layout
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import (
     GoTo,
@@ -50,6 +51,12 @@ class GaussianPlume:
         return value * math.exp(-0.5 * (min(along, 0.0) / self._vent_sd_m) ** 2)
 
 
+def vector(axes: FloatArray) -> Vector3:
+    """As an agent has it: no numpy."""
+    north, east, down = axes.tolist()
+    return north, east, down
+
+
 class Point:
     def __init__(self, drone: int, position: Vector3, strategy: Strategy, rng: np.random.Generator) -> None:
         self.drone = drone
@@ -60,6 +67,7 @@ class Point:
         self.excess: float | None = 0.0
         self.variance = 4.0
         self.sensor_works = True
+        self.word = self.next_word = b""
 
     def fly(self, target: Vector3) -> None:
         away = np.array(target) - self.position
@@ -126,10 +134,10 @@ class Swarm:
         given: Order | None = None
         for point in self.points.values():
             family = place(self.slots, self.layout, point.drone)
-            co2 = None if point.excess is None else Scalar(point.excess, point.variance, 0.05)
-            own = OwnState(point.drone, tuple(point.position), tuple(point.velocity), co2, None, 0.9)
+            co2 = None if point.excess is None else Scalar(float(point.excess), point.variance, 0.05)
+            own = OwnState(point.drone, vector(point.position), vector(point.velocity), co2, None, 0.9)
             others = tuple(
-                Neighbour(p.drone, tuple(p.position), tuple(p.velocity), 0.1, True)
+                Neighbour(p.drone, vector(p.position), vector(p.velocity), 0.1, True, word=p.word)
                 for p in self.points.values()
                 if p is not point
             )
@@ -153,6 +161,7 @@ class Swarm:
             if decision.order is not None:
                 assert family.root == point.drone
                 given = decision.order
+            point.next_word = decision.word
             intent = decision.intent
             point.fly(intent.position_ned_m if isinstance(intent, GoTo) else tuple(point.position))
             point.sense(self.plume(tuple(point.position)))
@@ -160,6 +169,8 @@ class Swarm:
             self.order = given
             self.orders.append(given)
             self.readings = {}
+        for point in self.points.values():
+            point.word = point.next_word
         self.now_s += TICK_S
 
     def run(self, limit_s: float) -> None:
@@ -283,10 +294,94 @@ def test_the_same_seed_flies_the_same_flight() -> None:
 
 def test_mobs_drones_search_alone_and_at_least_one_climbs_the_plume() -> None:
     plume = plume_of(7)
-    swarm = Swarm(5, plume, 7, strategy="mobs")
+    swarm = Swarm(5, plume, 7, strategy="mobs", search_limit_s=3000.0)
     nearest = math.inf
     while nearest > 6.0 and swarm.now_s < 3000.0:
         swarm.tick()
         nearest = min(math.dist(p.position[:2], plume.source) for p in swarm.points.values())
     assert nearest <= 6.0
-    assert len(swarm.orders) == 1
+    stages = [Stage.FORM, Stage.SEARCH, Stage.TRACK]
+    assert [order.stage for order in swarm.orders] == stages, "nobody steers another"
+    assert len({order.anchor_ned_m for order in swarm.orders}) == 1
+
+
+@pytest.mark.parametrize("seed", [7, 8])
+def test_mobs_ends_where_nobody_beat_the_best_reading(seed: int) -> None:
+    plume = plume_of(seed)
+    swarm = Swarm(5, plume, seed, strategy="mobs", step_m=3.0, search_limit_s=3000.0)
+    swarm.run(3200.0)
+    assert error_m(swarm, plume) < 12.0  # as near as a moth comes
+    assert swarm.order.apart
+
+
+@pytest.mark.parametrize("strategy", ["mobs", "locus-hybrid", "locus-multi"])
+def test_without_a_plume_every_strategy_gives_up_in_time(strategy: str) -> None:
+    swarm = Swarm(6, lambda position: 0.0, 1, strategy=strategy, search_limit_s=150.0)
+    swarm.run(300.0)
+    assert swarm.order.stage is Stage.GIVE_UP
+    assert swarm.order.source_ned_m is None
+    assert 150.0 < swarm.now_s < 152.0
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_hybrid_drones_part_and_gather_around_the_first_contact(seed: int) -> None:
+    plume = plume_of(seed)
+    swarm = Swarm(5, plume, seed, strategy="locus-hybrid")
+    swarm.run_until(Stage.SEARCH)
+    apart_m = 0.0
+    while swarm.order.stage is Stage.SEARCH:
+        swarm.tick()
+        places = [tuple(p.position) for p in swarm.points.values()]
+        apart_m = max(apart_m, *(math.dist(a, b) for a, b in itertools.combinations(places, 2)))
+    assert apart_m > 40.0, "a formation would be 20 m across"
+    assert swarm.order.stage is Stage.FORM
+    seats = dict(note_of(swarm.order).seats)
+    away_m = [math.dist(p.position[:2], swarm.order.anchor_ned_m[:2]) for p in swarm.points.values()]
+    assert [seats[drone] for drone in swarm.points] == np.argsort(np.argsort(away_m)).tolist()
+    swarm.run(2500.0)
+    assert error_m(swarm, plume) < 5.0
+
+
+def test_hybrid_goes_on_without_its_root_and_its_caller() -> None:
+    plume = plume_of(5)
+    swarm = Swarm(6, plume, 5, strategy="locus-hybrid")
+    swarm.run(40.0)
+    swarm.lose(1)
+    while swarm.order.stage is not Stage.FORM:
+        swarm.tick()
+    caller = min(swarm.points, key=lambda d: math.dist(swarm.points[d].position, swarm.order.anchor_ned_m))
+    swarm.run(swarm.now_s + 60.0)
+    swarm.lose(caller)
+    swarm.run(3000.0)
+    assert error_m(swarm, plume) < 5.0
+    assert {drone for drone, _ in note_of(swarm.order).seats} == set(swarm.slots)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_sub_swarms_search_side_by_side_until_one_finds_the_source(seed: int) -> None:
+    plume = plume_of(seed)
+    swarm = Swarm(6, plume, seed, strategy="locus-multi", group=3, step_m=4.0)
+    swarm.run_until(Stage.SEARCH)
+    apart_m, until_s = 0.0, swarm.now_s + 60.0
+    while swarm.now_s < until_s:
+        swarm.tick()
+        halves = [[swarm.points[d].position for d in half] for half in ((1, 2, 3), (4, 5, 6))]
+        apart_m = max(apart_m, math.dist(*(np.mean(half, axis=0) for half in halves)))
+    assert apart_m > 25.0  # they begin 30 m apart
+    swarm.run(3000.0)
+    assert error_m(swarm, plume) < 5.0
+    stages = [order.stage for order in swarm.orders]
+    assert stages[:3] == [Stage.FORM, Stage.SEARCH, Stage.TRACK]
+    assert stages[-2:] == [Stage.TRACK, Stage.FOUND]
+    assert len({order.anchor_ned_m for order in swarm.orders[:-1]}) == 1, (
+        "the tree's root steers no sub-swarm"
+    )
+
+
+def test_a_sub_swarm_goes_on_without_its_first_drone() -> None:
+    plume = plume_of(4)
+    swarm = Swarm(6, plume, 4, strategy="locus-multi", group=3, step_m=4.0)
+    swarm.run(60.0)
+    swarm.lose(1, 5)
+    swarm.run(3000.0)
+    assert error_m(swarm, plume) < 5.0

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 import msgspec
 
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Order, Reading
-from mission.strategies.packed import Packed
-
-_FARTHEST_M = 100_000.0
+from mission.strategies.packed import FARTHEST_M, Packed, is_contact
 
 
 class LocusNote(msgspec.Struct, frozen=True, array_like=True, tag="locus"):
@@ -22,19 +18,24 @@ class LocusNote(msgspec.Struct, frozen=True, array_like=True, tag="locus"):
     """The reading that a better one must beat, None without contact."""
     waypoints_since_best: int = 0
     """How many waypoints have been visited since `best` was taken."""
+    search_bearing_rad: float = 0.0
+    """Of the spoke that is being flown, where the search is on spokes."""
+
+    seats: tuple[tuple[int, int], ...] = ()
+    """(drone, place in the formation) where the drones do not stand in their tree's slots."""
 
     def __post_init__(self) -> None:
-        places = [self.search_start_ned_m, self.best.position_ned_m if self.best else None]
-        numbers = [self.search_radius_m, *(axis for place in places if place for axis in place)]
-        if not all(abs(number) <= _FARTHEST_M for number in numbers):  # not a number is not within, either
+        start = self.search_start_ned_m or (0.0, 0.0, 0.0)
+        numbers = (self.search_radius_m, self.search_bearing_rad, *start)
+        if not all(abs(number) <= FARTHEST_M for number in numbers):  # not a number is not within, either
             raise ValueError("a place or radius in the note is none")
         if not 0 <= self.waypoints_since_best < 1 << 31:
             raise ValueError("the waypoints in the note are no count")
-        best = self.best
-        if best is not None and not (
-            0.0 < best.excess_co2_ppm <= 1e9 and 0.0 <= best.variance_ppm2 < math.inf
-        ):
+        if self.best is not None and not is_contact(self.best):
             raise ValueError("the best reading in the note is none")
+        places = {place for _, place in self.seats}
+        if len(places) < len(self.seats) or not all(0 <= place < 256 for place in places):
+            raise ValueError("the seats in the note are none")
 
 
 _PACKED = Packed(LocusNote)

@@ -17,6 +17,7 @@ What departs from the paper, and why:
   finds a plume's ridge but hardly climbs along it.
 * The paper stops by knowing the answer (within 1 m of the maximum). Here the root declares the source found when
   the best reading has not been beaten during `patience` waypoints, and estimates its place from the readings.
+* All of these are numbers of the one rule (`mission.strategies.locus.rule`) that the trials compile with the paper's.
 * All that a new root needs to go on is in the order and its `LocusNote`.
 """
 
@@ -30,21 +31,20 @@ import numpy as np
 from msgspec import Meta
 
 from mission.estimation.source import estimate_source
-from mission.geometry.formation import Layout, rotated
+from mission.geometry.formation import FloatArray, Layout, rotated
 from mission.geometry.frames import Vector3
 from mission.strategies.arrival import Arrival
 from mission.strategies.contract import Decision, GoTo, Hold, Observation, Order, Reading, Stage
-from mission.strategies.locus.gradient import plane_gradient, waypoint_uphill
+from mission.strategies.locus import rule
 from mission.strategies.locus.note import LocusNote, note_of, noted
-from mission.strategies.locus.spiral import arm_spacing_m, spiral_index, spiral_point
+from mission.strategies.locus.seats import nearest_first
+from mission.strategies.locus.spiral import arm_spacing_m
 
 Positive = Annotated[float, Meta(gt=0.0)]
 NotNegative = Annotated[float, Meta(ge=0.0)]
 
-_SAME_PLACE_M = 0.5
-"""An anchor this near to a point is at that point."""
-_SAME_INDEX = 1e-6
-"""Rounding of a spiral point's number that was found again from its radius."""
+STAGES = (Stage.FORM, Stage.SEARCH, Stage.TRACK, Stage.FOUND, Stage.GIVE_UP)
+"""By the rule's numbers of them."""
 _CALM_MPS = 0.5
 """A wind below this has no direction worth following."""
 _WIND_STALE_S = 15.0
@@ -78,12 +78,34 @@ class LocusParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     """Excess below this is no contact."""
     detection_sigmas: NotNegative = 4.0
     """Nor is excess below this many standard deviations of its own estimate."""
-    patience: Annotated[int, Meta(ge=1)] = 16
-    """Waypoints without a better reading after which the source counts as found."""
+    patience: Annotated[int, Meta(ge=0)] = 16
+    """Waypoints without a better reading after which the source counts as found; 0: it never does."""
+    return_to_best: bool = True
+    """Whether a swarm that has lost contact returns to its best reading before it searches on (paper: no)."""
+    even_spiral: bool = True
+    """Whether far points of the spiral stand closer than 12 degrees (paper: no)."""
     improvement_fraction: NotNegative = 0.02
     """A better reading exceeds the best by this fraction and one standard deviation."""
     search_radius_m: Positive = 200.0
     """The search is given up when the spiral leaves this radius."""
+
+
+def rule_numbers(p: LocusParameters) -> FloatArray:
+    """The numbers of the rule; ARMS_M follows from the swarm's size."""
+    numbers = np.zeros(rule.RULE_NUMBERS)
+    numbers[rule.STEP_M] = p.step_m
+    numbers[rule.JITTER_M] = p.jitter_m
+    numbers[rule.TURN_RAD] = p.turn_rad
+    numbers[rule.UPWIND] = p.upwind_weight
+    numbers[rule.DETECTION] = numbers[rule.NOISE] = p.detection_ppm
+    numbers[rule.SIGMAS] = p.detection_sigmas
+    numbers[rule.EXTENT_M] = p.arrival_m
+    numbers[rule.IMPROVEMENT] = p.improvement_fraction
+    numbers[rule.PATIENCE] = p.patience
+    numbers[rule.RETURNS] = float(p.return_to_best)
+    numbers[rule.PATTERN] = rule.EVEN_SPIRAL if p.even_spiral else rule.SPIRAL
+    numbers[rule.LIMIT_M] = p.search_radius_m
+    return numbers
 
 
 class Locus:
@@ -91,7 +113,19 @@ class Locus:
 
     Parameters = LocusParameters
 
-    def __init__(self, layout: Layout, parameters: LocusParameters | None = None) -> None:
+    def __init__(
+        self,
+        layout: Layout,
+        parameters: LocusParameters | None = None,
+        *,
+        spoke_m: float | None = None,
+        seated: bool = False,
+    ) -> None:
+        """`spoke_m`: search on golden spokes of this length; `seated`: form up with whoever is nearest innermost.
+
+        `locus-multi` asks for these. A swarm whose order has seats is seated anew when a member is lost.
+        """
+        self._seated = seated
         self._layout = layout
         self._p = parameters or LocusParameters()
         self._arrival = Arrival(
@@ -100,6 +134,11 @@ class Locus:
             settle_s=self._p.settle_s,
             blocked_s=self._p.blocked_s,
         )
+        self._numbers = rule_numbers(self._p)
+        if spoke_m is not None:
+            self._numbers[rule.PATTERN] = rule.SPOKES
+            self._numbers[rule.SPOKE_M] = spoke_m
+            self._numbers[rule.SPOKE_STEP_M] = layout.spacing_m
         self._reading: Reading | None = None
         self._given: Order | None = None
         self._wind_ned_mps: Vector3 | None = None
@@ -121,8 +160,8 @@ class Locus:
         if order is None:
             if not is_root:
                 return Decision(Hold())
-            order = Order(0, Stage.FORM, self._p.start_ned_m or own.position_ned_m, 0.0)
-        target = self._target(order, tree.slot)
+            order = self._first_order(observation, rng)
+        target = self._target(order, own.drone, tree.slot)
         if self._arrival.step(observation.elapsed_s, own.position_ned_m, own.velocity_ned_mps, target):
             self._take_reading(observation, order)
         reading = self._reading if self._reading and self._reading.order == order.sequence else None
@@ -132,13 +171,14 @@ class Locus:
             order = self._next_if_due(observation, order, rng)
         if is_root and order is not observation.order:
             self._given = order
-            return Decision(GoTo(self._target(order, tree.slot)), reading, order)
+            return Decision(GoTo(self._target(order, own.drone, tree.slot)), reading, order)
         return Decision(GoTo(target), reading)
 
     # -- every drone ------------------------------------------------------------------------------------------
 
-    def _target(self, order: Order, slot: int) -> Vector3:
-        north_m, east_m = rotated(self._layout.offset_m(slot), order.rotation_rad)
+    def _target(self, order: Order, drone: int, slot: int) -> Vector3:
+        place = dict(note_of(order).seats).get(drone, slot)
+        north_m, east_m = rotated(self._layout.offset_m(place), order.rotation_rad)
         anchor_n, anchor_e, anchor_d = order.anchor_ned_m
         return anchor_n + north_m, anchor_e + east_m, anchor_d
 
@@ -173,113 +213,115 @@ class Locus:
         waited_s = observation.elapsed_s - self._arrival.arrived_s
         if not reported.issuperset(observation.tree.slots) and waited_s < patience_s:
             return order
-        return self._next(order, len(observation.tree.slots), rng)
+        order = self._next(order, len(observation.tree.slots), rng)
+        seats = note_of(order).seats
+        if seats and {drone for drone, _ in seats} != set(observation.tree.slots):
+            return seated(order, observation)
+        return order
+
+    def _first_order(self, observation: Observation, rng: np.random.Generator) -> Order:
+        """Where nothing else has ordered it: form up about the start."""
+        order = Order(0, Stage.FORM, self._p.start_ned_m or observation.own.position_ned_m, 0.0)
+        if self._seated:
+            note = LocusNote(0.0, order.anchor_ned_m, search_bearing_rad=2.0 * math.pi * rng.random())
+            return seated(noted(order, note), observation)
+        return order
 
     def _next(self, order: Order, drones: int, rng: np.random.Generator) -> Order:
         """The order after `order`, from the readings of the last two waypoints (2 x swarm size readings)."""
         note = note_of(order)
-        start = note.search_start_ned_m or self._p.start_ned_m or order.anchor_ned_m
-        current = [r for r in self._window.values() if r.order == order.sequence]
-        note = msgspec.structs.replace(self._with_best(note, current), search_start_ned_m=start)
-        order = noted(msgspec.structs.replace(order, sequence=order.sequence + 1), note)
         window = sorted(self._window.values(), key=lambda r: r.order)[-2 * drones :]
-        uphill, north_m, east_m = self._uphill(order, window, rng)
-        if note.best is not None and note.waypoints_since_best >= self._p.patience:
+        state = self._state(order, note)
+        self._numbers[rule.ARMS_M] = arm_spacing_m(self._layout.full_levels(drones), self._layout.spacing_m)
+        place_m = np.array([reading.position_ned_m for reading in window]).reshape(-1, 3)
+        value = np.array([reading.excess_co2_ppm for reading in window])
+        variance = np.array([reading.variance_ppm2 for reading in window])
+        contact, weight = np.zeros(len(window)), np.zeros(len(window))
+        some = rule.contacts(self._numbers, value, variance, len(window), contact, weight)
+        wind_n_mps, wind_e_mps, _ = self._wind_ned_mps or (0.0, 0.0, 0.0)
+        draw_n, draw_e = rng.random(2) if some else (0.5, 0.5)
+        if rule.locus_next(
+            state,
+            self._numbers,
+            place_m[:, 0],
+            place_m[:, 1],
+            contact,
+            variance,
+            weight,
+            len(window),
+            sum(reading.order == order.sequence for reading in window),
+            some,
+            wind_n_mps,
+            wind_e_mps,
+            draw_n,
+            draw_e,
+        ):
+            rule.turn(state, self._numbers, rng.random())
+        found = int(state[rule.BEST_ROW])
+        best = (window[found] if found >= 0 else note.best) if state[rule.BEST] > 0.0 else None
+        stage = STAGES[int(state[rule.STAGE])]
+        anchor, source = (
+            (float(state[rule.ANCHOR_N]), float(state[rule.ANCHOR_E]), order.anchor_ned_m[2]),
+            None,
+        )
+        if stage is Stage.FOUND and best is not None:
             # A long wait, or a new root, may have forgotten the contact; then only the note still has it.
             known = list(self._window.values())
-            known += [] if note.best in known else [note.best]
-            source = estimate_source(known, self._layout.spacing_m, self._wind_ned_mps)
-            return msgspec.structs.replace(order, stage=Stage.FOUND, anchor_ned_m=source, source_ned_m=source)
-        if uphill:
-            turn_rad = float(rng.uniform(0.0, self._p.turn_rad))
-            return msgspec.structs.replace(
+            known += [] if best in known else [best]
+            anchor = source = estimate_source(known, self._layout.spacing_m, self._wind_ned_mps)
+        start = (float(state[rule.START_N]), float(state[rule.START_E]), order.anchor_ned_m[2])
+        return msgspec.structs.replace(
+            noted(
                 order,
-                stage=Stage.TRACK,
-                anchor_ned_m=(north_m, east_m, order.anchor_ned_m[2]),
-                rotation_rad=(order.rotation_rad + turn_rad) % (2.0 * math.pi),
-            )
-        if note.best is not None and not self._is_at(order, note.best.position_ned_m):
-            north_m, east_m, _ = note.best.position_ned_m
-            return msgspec.structs.replace(
-                order, stage=Stage.TRACK, anchor_ned_m=(north_m, east_m, order.anchor_ned_m[2])
-            )
-        return self._next_search(order, note, start, drones)
-
-    def _next_search(self, order: Order, note: LocusNote, start: Vector3, drones: int) -> Order:
-        """The next point of the spiral; the same one again if a heal stopped the swarm before it was reached.
-
-        Only the radius is carried on: a swarm that has become smaller flies narrower arms from there on.
-        """
-        arms_m = arm_spacing_m(self._layout.full_levels(drones), self._layout.spacing_m)
-
-        def point(index: int) -> Vector3:
-            north_m, east_m = spiral_point(index, arms_m, even=True)
-            return start[0] + north_m, start[1] + east_m, order.anchor_ned_m[2]
-
-        index = 0
-        if note.search_radius_m >= 0.0:
-            index = math.ceil(spiral_index(note.search_radius_m, arms_m, even=True) - _SAME_INDEX)
-            if order.stage is not Stage.SEARCH or self._is_at(order, point(index)):
-                index += 1
-        anchor = point(index)
-        radius_m = math.dist(anchor[:2], start[:2])
-        outside = radius_m > self._p.search_radius_m
-        order = msgspec.structs.replace(
-            order,
-            stage=Stage.GIVE_UP if outside else Stage.SEARCH,
-            anchor_ned_m=order.anchor_ned_m if outside else anchor,
+                LocusNote(
+                    float(state[rule.RADIUS]),
+                    start,
+                    best,
+                    int(state[rule.SINCE_BEST]),
+                    float(state[rule.BEARING]),
+                    note.seats,
+                ),
+            ),
+            sequence=order.sequence + 1,
+            stage=stage,
+            anchor_ned_m=anchor,
+            rotation_rad=float(state[rule.ROTATION] % (2.0 * math.pi)),
+            source_ned_m=source,
         )
-        return noted(order, LocusNote(radius_m, start))
 
-    def _is_at(self, order: Order, point_ned_m: Vector3) -> bool:
-        return math.dist(order.anchor_ned_m[:2], point_ned_m[:2]) <= _SAME_PLACE_M
+    def _state(self, order: Order, note: LocusNote) -> FloatArray:
+        """What the rule goes on from."""
+        state = np.zeros(rule.STATE_SIZE)
+        start = note.search_start_ned_m or self._p.start_ned_m or order.anchor_ned_m
+        rule.locus_begin(state, start[0], start[1], order.rotation_rad, note.search_bearing_rad)
+        state[rule.STAGE] = STAGES.index(order.stage)
+        state[rule.ANCHOR_N], state[rule.ANCHOR_E], _ = order.anchor_ned_m
+        state[rule.RADIUS] = note.search_radius_m
+        if note.best is not None:
+            state[rule.BEST] = note.best.excess_co2_ppm
+            state[rule.BEST_VARIANCE] = note.best.variance_ppm2
+            state[rule.BEST_N], state[rule.BEST_E], _ = note.best.position_ned_m
+            state[rule.SINCE_BEST] = note.waypoints_since_best
+        return state
 
-    def _excess_ppm(self, reading: Reading) -> float:
-        """The reading's excess, 0 where it is no contact."""
-        least_ppm = max(self._p.detection_ppm, self._p.detection_sigmas * math.sqrt(reading.variance_ppm2))
-        return reading.excess_co2_ppm if reading.excess_co2_ppm > least_ppm else 0.0
 
-    def _with_best(self, note: LocusNote, current: list[Reading]) -> LocusNote:
-        """`note` with the best reading brought up to date."""
-        contacts = [reading for reading in current if self._excess_ppm(reading) > 0.0]
-        top = max(contacts, key=lambda reading: reading.excess_co2_ppm, default=None)
-        best = note.best
-        if top is not None:
-            beat_ppm = 0.0
-            if best is not None:
-                beat_ppm = best.excess_co2_ppm * (1.0 + self._p.improvement_fraction)
-                beat_ppm += math.sqrt(top.variance_ppm2 + best.variance_ppm2)
-            if top.excess_co2_ppm > beat_ppm:
-                return msgspec.structs.replace(note, best=top, waypoints_since_best=0)
-        if best is None:
-            return note
-        return msgspec.structs.replace(note, waypoints_since_best=note.waypoints_since_best + 1)
+def seated(order: Order, observation: Observation) -> Order:
+    """`order` with a seat for every member: whoever is nearest to the anchor takes the innermost.
 
-    def _uphill(
-        self, order: Order, window: list[Reading], rng: np.random.Generator
-    ) -> tuple[bool, float, float]:
-        """Whether the window shows a gradient, and the anchor one step up it."""
-        value = np.array([self._excess_ppm(reading) for reading in window])
-        if not value.any():
-            return False, 0.0, 0.0
-        place_m = np.array([reading.position_ned_m[:2] for reading in window])
-        # A reading counts by its own noise on top of what a plane cannot follow of the plume's shape.
-        noise = np.array([reading.variance_ppm2 for reading in window]) + self._p.detection_ppm**2
-        gradient_n, gradient_e, _ = plane_gradient(
-            place_m[:, 0], place_m[:, 1], value, 1.0 / noise, len(window), self._p.arrival_m
-        )
-        steepness = math.hypot(gradient_n, gradient_e)
-        if self._wind_ned_mps is not None and steepness > 0.0:
-            wind_n, wind_e, _ = self._wind_ned_mps
-            pull = self._p.upwind_weight / math.hypot(wind_n, wind_e)
-            gradient_n = gradient_n / steepness - pull * wind_n
-            gradient_e = gradient_e / steepness - pull * wind_e
-        jitter_n, jitter_e = rng.uniform(-self._p.jitter_m, self._p.jitter_m, 2)
-        north_m, east_m, _ = order.anchor_ned_m
-        uphill, north_m, east_m = waypoint_uphill(
-            gradient_n, gradient_e, north_m, east_m, self._p.step_m, float(jitter_n), float(jitter_e)
-        )
-        return bool(uphill), float(north_m), float(east_m)  # numpy's numbers do not go over the wire
+    A member that was never heard comes last.
+    """
+    own = observation.own
+    where = {n.drone: n.position_ned_m for n in observation.neighbours} | {own.drone: own.position_ned_m}
+    drones = sorted(observation.tree.slots)
+    place_m = np.array([where.get(drone, (math.inf, math.inf, 0.0)) for drone in drones])
+    known = np.array([int(drone in where) for drone in drones])
+    holder = np.full(len(drones), -1, np.int64)
+    north_m, east_m, _ = order.anchor_ned_m
+    nearest_first(place_m[:, 0], place_m[:, 1], known, north_m, east_m, np.zeros_like(holder), holder)
+    nearest = [drones[number] for number in holder if number >= 0]
+    nearest += [drone for drone in drones if drone not in where]
+    seats = tuple((drone, place) for place, drone in enumerate(nearest))
+    return noted(order, msgspec.structs.replace(note_of(order), seats=seats))
 
 
 def _mean_wind(observation: Observation) -> Vector3 | None:

@@ -183,6 +183,23 @@ def test_a_drone_that_says_it_leaves_is_replaced_without_waiting_for_silence() -
     assert not network.nodes[3].tree.member
 
 
+def test_drones_that_are_apart_leave_the_anchor_where_it_is() -> None:
+    """Each alone or in groups, they say nothing about where a formation would be."""
+    network = Network(5)
+    network.run(1.0)
+    root = network.nodes[1]
+    root.decision = Decision(Hold(), order=Order(2, Stage.SEARCH, (100.0, 0.0, -10.0), 0.3, apart=True))
+    network.run(1.0)
+    for node in network.live:
+        node.position = (40.0 * node.drone, -70.0, -10.0)
+    network.dead.add(4)
+    network.run(6.0)
+    network.agreed()
+    order = root.tree.order
+    assert order is not None
+    assert (order.sequence, order.anchor_ned_m, order.apart) == (3, (100.0, 0.0, -10.0), True)
+
+
 def test_the_formation_stays_where_it_stopped() -> None:
     network = Network(5)
     network.run(1.0)

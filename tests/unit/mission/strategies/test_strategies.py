@@ -20,13 +20,13 @@ from mission.strategies.locus.spiral import arm_spacing_m, spiral_index, spiral_
 from mission.strategies.mobs import (
     ALONG,
     BEARING,
-    GOLDEN,
     MOTH,
     STATE_SIZE,
     mobs_begin,
     mobs_next,
 )
 from mission.strategies.registry import STRATEGIES, make
+from mission.strategies.spokes import GOLDEN
 
 
 def test_the_spiral_is_the_papers() -> None:
@@ -176,7 +176,7 @@ def test_every_strategy_is_made_by_its_name(name: str) -> None:
 
 def test_what_a_strategy_is_not_given_right_is_said_in_one_line() -> None:
     layout = Hexagonal(10.0)
-    with pytest.raises(ValueError, match="there are locus, mobs"):
+    with pytest.raises(ValueError, match="there are locus, locus-hybrid, locus-multi, mobs"):
         make("lawnmower", layout=layout)
     with pytest.raises(ValueError, match=r"no parameter 'stepp'; it has .*step_m"):
         make("locus", layout=layout, stepp=1)

@@ -1,0 +1,81 @@
+"""The surveys of `examples/` that fly other strategies than LoCUS, whole agents and bytes, to their end."""
+
+from __future__ import annotations
+
+import math
+import pathlib
+
+import pytest
+
+from flightstack.swarm.wire import CommandName, Phase
+from mission.strategies.contract import Stage
+from simvehicle.scenario.swarm import Scenario
+from simvehicle.survey.draft import draft, in_process
+from simvehicle.survey.survey_file import load
+
+EXAMPLES = pathlib.Path(__file__).parents[2] / "examples"
+
+
+def begun(name: str) -> Scenario:
+    """A survey of `examples/` in the air."""
+    survey = load(EXAMPLES / f"{name}.yaml")
+    drafted = draft(survey, in_process(survey))
+    flight = Scenario(drafted.drones, drafted.fleet)
+    flight.run(2.0)
+    flight.run_until(lambda: all(m.agent.session.report.connected for m in flight.members.values()), 30.0)
+    flight.run(28.0)  # their instruments and position estimates are ready
+    flight.command(CommandName.START)
+    assert flight.run_until(lambda: flight.first_takeoff_s is not None, 60.0)
+    return flight
+
+
+def assert_ends(flight: Scenario, within_m: float) -> None:
+    """Everybody lands, the source is told to within `within_m`, nobody came too near to another."""
+    assert flight.run_until(lambda: flight.phases() <= {Phase.LANDED}, 1400.0), flight.phases()
+    assert flight.source_ned_m is not None
+    assert math.dist(flight.source_ned_m[:2], flight.world.gas.source_ned_m[:2]) < within_m
+    assert flight.min_separation_m > 4.0
+
+
+def test_hybrid_drones_part_gather_around_the_caller_and_find_the_source() -> None:
+    flight = begun("survey_hybrid")
+    stages: list[Stage] = []
+
+    def gathered() -> bool:
+        order = flight.trees[1].order if 1 in flight.trees else None
+        if order is not None and (not stages or stages[-1] is not order.stage):
+            stages.append(order.stage)
+        return Stage.TRACK in stages
+
+    assert flight.run_until(gathered, 600.0)
+    assert stages == [Stage.FORM, Stage.SEARCH, Stage.FORM, Stage.TRACK]
+    assert_ends(flight, 5.0)
+
+
+def test_a_sub_swarm_finds_the_source_and_a_lost_member_moves_nobody_to_a_slot() -> None:
+    """The first drone of the second sub-swarm is lost: the tree heals, its sub-swarm goes on, no heir flies."""
+    flight = begun("survey_multi")
+
+    def parted() -> bool:
+        return 1 in flight.trees and (order := flight.trees[1].order) is not None and order.apart
+
+    assert flight.run_until(parted, 120.0)
+    flight.run(20.0)
+    flight.kill(4)
+    assert flight.run_until(lambda: 4 not in dict(flight.trees[1].slots), 15.0)
+    flight.run(2.0)
+    assert not any(state.healing for drone, state in flight.states.items() if drone != 4)
+    assert_ends(flight, 5.0)
+
+
+def test_mobs_drones_end_where_the_best_reading_stood_longest() -> None:
+    assert_ends(begun("survey_mobs"), 25.0)
+
+
+@pytest.mark.parametrize("name", ["survey", "survey_hybrid", "survey_multi", "survey_mobs"])
+def test_every_example_is_a_survey_that_can_be_planned(name: str) -> None:
+    survey = load(EXAMPLES / f"{name}.yaml")
+    drafted = draft(survey, in_process(survey))
+    assert {config.strategy.name for config in drafted.drones} == {
+        {"survey": "locus", "survey_mobs": "mobs"}.get(name, name.replace("survey_", "locus-"))
+    }
