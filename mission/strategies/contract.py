@@ -96,6 +96,8 @@ class Neighbour(msgspec.Struct, frozen=True):
     wind: Wind | None = None
     adrift: bool = False
     """Its agent is silent: it will not make way, wherever the ground station says that it is."""
+    word: bytes = b""
+    """The newest `Decision.word` of its strategy, empty without one."""
 
 
 class TreePlace(msgspec.Struct, frozen=True):
@@ -123,6 +125,8 @@ class Observation(msgspec.Struct, frozen=True):
     readings: tuple[Reading, ...]
     """At the root: the readings of all members for the current order that have come up the tree so far.
     Elsewhere: those of the drone's own subtree."""
+    ranges_m: tuple[tuple[float, float], ...] = ()
+    """(bearing_rad from north towards east, range_m to what stands there), one a beam; empty without any."""
 
 
 class GoTo(msgspec.Struct, frozen=True, tag=True):
@@ -152,6 +156,9 @@ class Decision(msgspec.Struct, frozen=True):
     """This drone's reading for the current order, once it has one; the tree carries it to the root."""
     order: Order | None = None
     """A new order for the whole swarm; only the root may give one."""
+    word: bytes = b""
+    """What the neighbours' strategies shall hear of this drone's (`mission.strategies.packed`): said again with every
+    state until another word replaces it."""
 
 
 class Strategy(Protocol):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import pathlib
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -33,6 +33,7 @@ def register(app: typer.Typer) -> None:
     app.command(name="trial")(_trial)
 
 
+_STRATEGY_HELP = "Ours, or a reactive one of an installed package; an unknown name lists them all."
 Motion = Annotated[
     str, typer.Option(help="pd: the paper authors' controller; cruise: a real drone's limits.")
 ]
@@ -53,9 +54,7 @@ def _experiment(
     name: Annotated[str, typer.Argument(help="locus-1, locus-2, locus-3 or locus-4.")],
     sizes: Annotated[str, typer.Option(help="Swarm sizes: 5,10,20.")] = "",
     rates: Annotated[str, typer.Option(help="Failure rates of locus-3 and locus-4: 1e-5,1e-4.")] = "",
-    strategies: Annotated[
-        str, typer.Option(help="Of locus, mobs, locus-hybrid, locus-multi; commas between.")
-    ] = "locus,mobs",
+    strategies: Annotated[str, typer.Option(help="Commas between. " + _STRATEGY_HELP)] = "locus,mobs",
     plumes: Annotated[
         str, typer.Option(help="Of smooth, perturbed, gaussian, gusty; instead of the experiment's.")
     ] = "",
@@ -113,8 +112,8 @@ def _experiment(
             trials=trials,
             base=base,
         )
-        define(name, options)  # wrong options are told before anything is compiled
-        _tell_compiling()
+        # Wrong options are told before anything is compiled.
+        _tell_compiling(define(name, options).cells)
         with _progress(name) as progress:
             report = run_experiment(
                 name, options, seed=seed, out=out, jobs=jobs, scheduler=scheduler, progress=progress
@@ -130,7 +129,7 @@ def _experiment(
 
 
 def _trial(
-    strategy: Annotated[str, typer.Option(help="locus, mobs, locus-hybrid or locus-multi.")] = "locus",
+    strategy: Annotated[str, typer.Option(help=_STRATEGY_HELP)] = "locus",
     drones: Annotated[int, typer.Option(help="Swarm size.")] = 16,
     plume: Annotated[str, typer.Option(help="smooth, perturbed, gaussian or gusty.")] = "perturbed",
     plume_at: Annotated[
@@ -167,9 +166,9 @@ def _trial(
         if len(place) not in (0, 2):
             raise TrialsError(f"--plume-at {plume_at!r}: give NORTH,EAST in metres")
         cell = Cell(
-            strategy=strategy,  # type: ignore[arg-type]  # checked by Cell.problems
+            strategy=strategy,
             drones=drones,
-            plume=plume,  # type: ignore[arg-type]
+            plume=plume,  # type: ignore[arg-type]  # checked by Cell.problems
             source=(place[0], place[1]) if place else None,
             failure=failure,  # type: ignore[arg-type]
             failure_rate=rate,
@@ -185,7 +184,7 @@ def _trial(
         problems = cell.problems()
         if problems:
             raise TrialsError(problems[0])
-        _tell_compiling()
+        _tell_compiling((cell,))
         from simvehicle.trials.outcome import record_trial
 
         recorded = record_trial(cell, seed, trial)
@@ -248,10 +247,11 @@ def _command() -> str:
     return " ".join(["simvehicle", *sys.argv[1:]])
 
 
-def _tell_compiling() -> None:
-    from simvehicle.trials.compiled import needs_compiling
+def _tell_compiling(cells: Sequence[Cell]) -> None:
+    from simvehicle.compiled import needs_compiling
+    from simvehicle.trials.outcome import kernel_of
 
-    if needs_compiling():
+    if any(needs_compiling(kernel_of(cell)) for cell in {cell.strategy: cell for cell in cells}.values()):
         typer.echo("compiling the trials for this machine (once a version, about half a minute) …", err=True)
 
 
@@ -320,7 +320,7 @@ def _one_line() -> Iterator[None]:
         raise typer.Exit(2) from error
     except OSError as error:
         # Rows, pages and pictures have errors of their own; what is left is the compiler's directory.
-        from simvehicle.trials.compiled import cache_directory
+        from simvehicle.compiled import cache_directory
 
         typer.echo(
             f"simvehicle: {error.strerror or error}; machine code is kept in {cache_directory()}: make room there, "

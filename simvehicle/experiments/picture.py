@@ -14,8 +14,8 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from mission.geometry.formation import FloatArray
+from simvehicle.compiled import compiled
 from simvehicle.trials.cell import Cell
-from simvehicle.trials.compiled import compiled
 from simvehicle.trials.flight import ORIGIN_X, ORIGIN_Y, Scene, read_at
 from simvehicle.trials.motion import ROW, TICKS_PER_S, X, Y
 from simvehicle.trials.outcome import RecordedTrial

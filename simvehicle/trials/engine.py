@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from mission.geometry.formation import FloatArray, IntArray
-from simvehicle.trials.compiled import compiled, kernel
+from simvehicle.compiled import compiled, kernel
 from simvehicle.trials.flight import (
     ARENA_M,
     CONTACT,

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from mission.geometry.formation import FloatArray, IntArray
-from simvehicle.trials.compiled import kernel
+from simvehicle.compiled import kernel
 from simvehicle.trials.motion import (
     PD,
     ROW,

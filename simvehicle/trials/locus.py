@@ -12,7 +12,7 @@ from mission.strategies.locus.gradient import plane_gradient, waypoint_uphill
 from mission.strategies.locus.spiral import spiral_point
 from mission.strategies.mobs import STATE_SIZE, mobs_begin, mobs_next
 from mission.tree.balanced_tree import next_heal, next_rebalance
-from simvehicle.trials.compiled import kernel
+from simvehicle.compiled import kernel
 from simvehicle.trials.flight import (
     ARENA_M,
     HEAL_TICKS,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from mission.strategies.mobs import STATE_SIZE, mobs_begin, mobs_next
-from simvehicle.trials.compiled import kernel
+from simvehicle.compiled import kernel
 from simvehicle.trials.flight import (
     ARENA_M,
     FAILURE,

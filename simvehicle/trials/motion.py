@@ -24,7 +24,7 @@ import numpy as np
 from msgspec import Meta
 
 from mission.geometry.formation import FloatArray
-from simvehicle.trials.compiled import kernel
+from simvehicle.compiled import kernel
 
 TICKS_PER_S = 16
 X, Y, VX, VY, AX, AY, EX, EY, ROW = range(9)

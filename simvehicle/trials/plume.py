@@ -17,8 +17,8 @@ from typing import Literal
 import numpy as np
 
 from mission.geometry.formation import FloatArray
+from simvehicle.compiled import compiled, kernel, leaf
 from simvehicle.fleet.fleet_config import GaussianPlume
-from simvehicle.trials.compiled import compiled, kernel
 from simvehicle.world.gas import LOCUS_CELL_M, LOCUS_CUT, LOCUS_WIDTH_M, Gaussian, locus_grid
 
 PlumeName = Literal["locus-grid", "gaussian"]
@@ -69,7 +69,7 @@ def plume_numbers(name: PlumeName, perturbed: bool, gust_sd_mps: float) -> tuple
     return numbers, np.zeros((1, 1))
 
 
-_OMEGA_RADPS = np.array([2.0 * math.pi / period_s for period_s in _WAVE_PERIODS_S])
+OMEGA_RADPS = np.array([2.0 * math.pi / period_s for period_s in _WAVE_PERIODS_S])
 
 
 @compiled
@@ -96,7 +96,7 @@ def _meandering_value(plume: FloatArray, x: float, y: float, time_s: float) -> f
     if x > 0.0 and plume[WAVES] > 0.0:
         left_s = time_s - x / plume[WIND]
         for wave in range(WAVE_COUNT):
-            omega = _OMEGA_RADPS[wave]
+            omega = OMEGA_RADPS[wave]
             phase = plume[WAVES + WAVE_COUNT + wave]
             swing = math.sin(omega * time_s + phase) - math.sin(omega * left_s + phase)
             shift += plume[WAVES + wave] / omega * swing
@@ -104,7 +104,7 @@ def _meandering_value(plume: FloatArray, x: float, y: float, time_s: float) -> f
     return value if value >= LOCUS_CUT else 0.0
 
 
-@kernel
+@leaf
 def reading(plume: FloatArray, grid: FloatArray, x: float, y: float, time_s: float) -> float:
     """What a sensor at (x, y) north and east of the plume's origin reads, in [0, 1]."""
     if plume[KIND] != GRID:

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from simvehicle.trials.compiled import compiled
+from simvehicle.compiled import compiled
 
 Stream = NDArray[np.uint64]
 """One number: the generator's state."""
@@ -46,6 +46,13 @@ def uniform(stream: Stream) -> float:
     """The next number of the stream, in [0, 1)."""
     stream[0] += _GOLDEN
     return float(_mixed(stream[0]) >> _S11) * (1.0 / 9007199254740992.0)
+
+
+@compiled
+def uniform_at(streams: Stream, place: int) -> float:
+    """`uniform` of the stream that stands at `place` of many."""
+    streams[place] += _GOLDEN
+    return float(_mixed(streams[place]) >> _S11) * (1.0 / 9007199254740992.0)
 
 
 @compiled

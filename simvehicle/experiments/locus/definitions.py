@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import msgspec
 
-from simvehicle.trials.cell import Cell, FailureKind, PlumeKind, Strategy
+from simvehicle.trials.cell import Cell, FailureKind, PlumeKind
 from simvehicle.trials.trials_error import TrialsError
 
 NAMES = ("locus-1", "locus-2", "locus-3", "locus-4")
@@ -39,7 +39,7 @@ class Options(msgspec.Struct, frozen=True, kw_only=True):
 
     sizes: tuple[int, ...] = ()
     rates: tuple[float, ...] = ()
-    strategies: tuple[Strategy, ...] = ("locus", "mobs")
+    strategies: tuple[str, ...] = ("locus", "mobs")
     plumes: tuple[PlumeKind, ...] = ()
     quick: bool = False
     full: bool = False
