@@ -54,9 +54,16 @@ def leaf(function: Function) -> Function:
     return _made(function, _LEAF)
 
 
+def called_by_leaves(function: Callable[..., Any]) -> None:
+    """Let leaves call the plain `function`, as a leaf itself."""
+    if plain(function) not in _known:
+        _known.add(plain(function))
+        numba.extending.register_jitable(forceinline=True, _nrt=False)(function)
+
+
 def engine_identity(*functions: Callable[..., Any]) -> str:
     """Equal for equal code under the same compiler: results of two engines are never mixed."""
-    return code_identity(*functions, versions=(str(numba.__version__),))
+    return code_identity(*functions, versions=(str(numba.__version__), repr((_INNER, _LEAF))))
 
 
 def cache_directory() -> pathlib.Path:

@@ -71,6 +71,12 @@ def find(name: str) -> StrategyEntry:
     return _load(claims[0])
 
 
+def forget_packages() -> None:
+    """Look for other packages' strategies anew: some may have been installed meanwhile."""
+    _plug_ins.cache_clear()
+    _load.cache_clear()
+
+
 def make(name: str, *, layout: Layout, **parameters: Any) -> Strategy:
     """A new strategy object for one drone and one survey. `ValueError` says in one line what is wrong."""
     entry = find(name)

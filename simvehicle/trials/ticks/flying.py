@@ -10,7 +10,7 @@ import numpy as np
 
 from mission.geometry.formation import FloatArray, IntArray
 from mission.strategies.tick_rule import OwnSenses, Rule, TickRule
-from simvehicle.compiled import compiled, leaf
+from simvehicle.compiled import called_by_leaves, compiled, leaf
 from simvehicle.trials.engine import SURVIVORS, prepare_world
 from simvehicle.trials.flight import NOW, ORIGIN_X, ORIGIN_Y, Scene
 from simvehicle.trials.motion import TICKS_PER_S
@@ -48,6 +48,8 @@ def tick_kernel(rule: Rule) -> Callable[..., None]:
 
     `tracks` (samples, robots, 2) gets the places at every `every`-th tick of the last trial, as far as it reaches.
     """
+
+    called_by_leaves(rule)
 
     @leaf
     def decide_all(

@@ -76,6 +76,7 @@ def fly_swarm(
 
 def _not_compiled(name: str, rule: TickRule, error: Exception) -> str:
     said = [line.strip() for line in str(error).splitlines() if line.strip()]
+    stages = [place for place, line in enumerate(said) if "Failed in nopython mode" in line]
     where = f"{rule.rule.__module__}.{rule.rule.__qualname__}"
-    # The compiler's first line names its own stage; what is wrong stands in the next.
-    return f"strategy {name}: its rule {where} cannot be compiled: {' '.join(said[1:2] or said)}"
+    # The compiler tells call by call, each beginning with its own stage; what is wrong stands behind the last.
+    return f"strategy {name}: its rule {where} cannot be compiled: {' '.join(said[stages[-1] + 1 :][:1] if stages else said[:1])}"

@@ -176,7 +176,8 @@ class PlainSwarm:
         plume, time_s = self.setup.scene.plume, self.tick / 16.0
         periods_s = (7.0, 19.0, 43.0, 101.0)
         east = sum(
-            plume[WAVES + k] * math.cos(2 * math.pi * time_s / periods_s[k] + plume[WAVES + 4 + k]) for k in range(4)
+            plume[WAVES + k] * math.cos(2 * math.pi * time_s / periods_s[k] + plume[WAVES + 4 + k])
+            for k in range(4)
         )
         return 3.0, east if self.cell.plume == "gusty" else 0.0
 
