@@ -31,7 +31,7 @@ _STEPS = 2e7
 
 class WalkParameters(msgspec.Struct, frozen=True):
     turn: float = 0.6
-    home_per_s: float = 0.02
+    home_per_s: float = 0.002
 
 
 def walk(
@@ -90,7 +90,7 @@ def per_s(robots: int, trials: int, repeats: int = 3) -> float:
 
 
 def main() -> None:
-    print("a random walk of 20 robots within about 60 m of the launch point, range 10 m, one core:")
+    print("20 robots at random some 45 m about the launch point (0.4 neighbours within 10 m each), one core:")
     one, batch = per_s(_ROBOTS, 1), per_s(_ROBOTS, _BATCH)
     print("   robot-steps/s by robots (as dense; one trial): ", end="")
     print(", ".join(f"{size}: {per_s(size, 1, 1):.2g}" for size in _SIZES))

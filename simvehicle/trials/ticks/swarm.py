@@ -79,4 +79,5 @@ def _not_compiled(name: str, rule: TickRule, error: Exception) -> str:
     stages = [place for place, line in enumerate(said) if "Failed in nopython mode" in line]
     where = f"{rule.rule.__module__}.{rule.rule.__qualname__}"
     # The compiler tells call by call, each beginning with its own stage; what is wrong stands behind the last.
-    return f"strategy {name}: its rule {where} cannot be compiled: {' '.join(said[stages[-1] + 1 :][:1] if stages else said[:1])}"
+    first = said[stages[-1] + 1 :] if stages else said
+    return f"strategy {name}: its rule {where} cannot be compiled: {' '.join(first[:1])}"
