@@ -88,7 +88,6 @@ def _made(function: Function, options: dict[str, Any]) -> Function:
     for callee in set(callees(function)) - _known:
         numba.extending.register_jitable(callee)
         _known.add(callee)
-    _known.add(plain(function))
     before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
     # The compiler asks for the directory here and once; it has no argument for it.
     numba.config.CACHE_DIR = str(_directory(function))  # type: ignore[attr-defined]
