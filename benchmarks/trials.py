@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks import Figures
+from mission.strategies.registry import BUILT_IN
 from simvehicle.experiments.experiment import Options
 from simvehicle.experiments.locus.definitions import define
 from simvehicle.experiments.run import usual_jobs
 from simvehicle.trials.batch import spread
-from simvehicle.trials.cell import STRATEGIES, Cell
+from simvehicle.trials.cell import Cell
 from simvehicle.trials.motion import TICKS_PER_S
 from simvehicle.trials.outcome import run_cell
 from simvehicle.trials.store import Run, blocks
@@ -91,7 +92,7 @@ def _strategies(reference: Any) -> float:
     print("20 drones, smooth plume, arena 100 m, no failures, motion pd, one core:")
     print(f"   {'strategy':14} {'trials/s':>9} {'ms/trial':>9} {'us/drone-hour':>14}")
     locus_per_s = 0.0
-    for strategy in STRATEGIES:
+    for strategy in BUILT_IN:
         cost_s, hours = _cpu_s(Cell(strategy=strategy), 100)
         if strategy == "locus":
             locus_per_s = 1.0 / cost_s

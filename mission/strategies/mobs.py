@@ -25,6 +25,7 @@ from mission.strategies.contract import (
     Reading,
     Stage,
 )
+from mission.strategies.entry import StrategyEntry
 from mission.strategies.packed import Packed, is_contact
 from mission.strategies.spokes import GOLDEN, next_bearing, next_on_spokes
 
@@ -233,3 +234,8 @@ class Mobs:
             return True
         beat_ppm = best.excess_co2_ppm * (1.0 + self._p.improvement_fraction)
         return reading.excess_co2_ppm > beat_ppm + math.sqrt(reading.variance_ppm2 + best.variance_ppm2)
+
+
+ENTRY = StrategyEntry(
+    name="mobs", make=Mobs, parameters=MobsParameters, rules=(mobs_next,), word=MobsWord, legs=True
+)

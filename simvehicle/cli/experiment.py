@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from simvehicle.cli.trial_options import (
+    STRATEGY_HELP,
     Acceleration,
     Arena,
     Layout,
@@ -36,9 +37,7 @@ def experiment(
     name: Annotated[str, typer.Argument(help="locus-1, locus-2, locus-3 or locus-4.")],
     sizes: Annotated[str, typer.Option(help="Swarm sizes: 5,10,20.")] = "",
     rates: Annotated[str, typer.Option(help="Failure rates of locus-3 and locus-4: 1e-5,1e-4.")] = "",
-    strategies: Annotated[
-        str, typer.Option(help="Of locus, mobs, locus-hybrid, locus-multi; commas between.")
-    ] = "locus,mobs",
+    strategies: Annotated[str, typer.Option(help="Commas between. " + STRATEGY_HELP)] = "locus,mobs",
     plumes: Annotated[
         str, typer.Option(help="Of smooth, perturbed, gaussian, gusty; instead of the experiment's.")
     ] = "",
@@ -97,8 +96,8 @@ def experiment(
             trials=trials,
             base=base,
         )
-        paper_of(name).define(name, options)  # wrong options are told before anything is compiled
-        tell_compiling()
+        # Wrong options are told before anything is compiled.
+        tell_compiling(paper_of(name).define(name, options).cells)
         with _progress(name) as progress:
             report = run_experiment(
                 name, options, seed=seed, out=out, jobs=jobs, scheduler=scheduler, progress=progress

@@ -10,6 +10,7 @@ import typer
 
 from simvehicle.cli.trial_options import (
     MOST,
+    STRATEGY_HELP,
     Acceleration,
     Arena,
     Layout,
@@ -35,7 +36,7 @@ class FilmName(StrEnum):
 
 
 def trial(
-    strategy: Annotated[str, typer.Option(help="locus, mobs, locus-hybrid or locus-multi.")] = "locus",
+    strategy: Annotated[str, typer.Option(help=STRATEGY_HELP)] = "locus",
     drones: Annotated[int, typer.Option(help="Swarm size.")] = 16,
     plume: Annotated[str, typer.Option(help="smooth, perturbed, gaussian or gusty.")] = "perturbed",
     plume_at: Annotated[
@@ -72,7 +73,7 @@ def trial(
         if len(place) not in (0, 2):
             raise TrialsError(f"--plume-at {plume_at!r}: give NORTH,EAST in metres")
         cell = Cell(
-            strategy=strategy,  # type: ignore[arg-type]  # checked by Cell.problems
+            strategy=strategy,
             drones=drones,
             plume=plume,  # type: ignore[arg-type]
             source=(place[0], place[1]) if place else None,
@@ -90,7 +91,7 @@ def trial(
         problems = cell.problems()
         if problems:
             raise TrialsError(problems[0])
-        tell_compiling()
+        tell_compiling((cell,))
         from simvehicle.trials.outcome import record_trial
 
         recorded = record_trial(cell, seed, index)

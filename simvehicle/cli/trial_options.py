@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
-from typing import Annotated, Any
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+if TYPE_CHECKING:
+    from simvehicle.trials.cell import Cell
+
+STRATEGY_HELP = "Ours, or a reactive one of an installed package; an unknown name lists them all."
 
 Motion = Annotated[
     str, typer.Option(help="pd: the paper authors' controller; cruise: a real drone's limits.")
@@ -39,11 +44,12 @@ def numbers(text: str, kind: type, option: str) -> tuple[Any, ...]:
         raise TrialsError(f"{option} {text!r}: give numbers with commas between") from None
 
 
-def tell_compiling() -> None:
+def tell_compiling(cells: Sequence[Cell]) -> None:
     """Say so before a first run, which is silent for long."""
     from simvehicle.compiled import needs_compiling
+    from simvehicle.trials.outcome import kernel_of
 
-    if needs_compiling():
+    if any(needs_compiling(kernel_of(cell)) for cell in {cell.strategy: cell for cell in cells}.values()):
         typer.echo("compiling the trials for this machine (once a version, about half a minute) …", err=True)
 
 

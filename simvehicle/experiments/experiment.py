@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import msgspec
 
-from simvehicle.trials.cell import Cell, PlumeKind, Strategy
+from simvehicle.trials.cell import Cell, PlumeKind
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -24,7 +24,7 @@ class Options(msgspec.Struct, frozen=True, kw_only=True):
 
     sizes: tuple[int, ...] = ()
     rates: tuple[float, ...] = ()
-    strategies: tuple[Strategy, ...] = ("locus", "mobs")
+    strategies: tuple[str, ...] = ("locus", "mobs")
     plumes: tuple[PlumeKind, ...] = ()
     quick: bool = False
     full: bool = False

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import warnings
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from typing import Any
 
 import pandas as pd
 
-from simvehicle.compiled import ENGINE
 from simvehicle.trials.cell import Cell
-from simvehicle.trials.outcome import run_cell
+from simvehicle.trials.outcome import engine_of, run_cell
 from simvehicle.trials.store import Block, Run, Store
 from simvehicle.trials.trials_error import TrialsError
 
@@ -60,21 +59,28 @@ def warm_up(run: Run) -> None:
 
 
 def _work(cell: Cell, seed: int, block: Block, engine: str) -> tuple[Block, pd.DataFrame]:
-    if engine != ENGINE:
+    if engine != engine_of((cell,)):
         raise TrialsError("a worker runs another version of the software; install the same one everywhere")
     return block, run_cell(cell, seed, block.first, block.count)
+
+
+def _tasks(run: Run, missing: Sequence[Block]) -> Iterator[tuple[Cell, int, Block, str]]:
+    """The arguments of `_work`, one tuple a block."""
+    engines = [engine_of((cell,)) for cell in run.cells]
+    for block in missing:
+        yield run.cells[block.cell], run.seed, block, engines[block.cell]
 
 
 def _on_cores(run: Run, missing: Sequence[Block], jobs: int) -> Finished:
     warm_up(run)
     if jobs == 1:
-        for block in missing:
-            yield _work(run.cells[block.cell], run.seed, block, run.engine)
+        for task in _tasks(run, missing):
+            yield _work(*task)
         return
     import joblib
 
     parallel: Any = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
-    calls = (joblib.delayed(_work)(run.cells[block.cell], run.seed, block, run.engine) for block in missing)
+    calls = (joblib.delayed(_work)(*task) for task in _tasks(run, missing))
     results = parallel(calls)
     try:
         for result in results:  # noqa: UP028 (`yield from` would close `results` before `finally` is reached)
@@ -97,9 +103,6 @@ def _on_cluster(run: Run, missing: Sequence[Block], scheduler: str) -> Finished:
     except (OSError, ValueError, TimeoutError) as error:
         raise TrialsError(f"no dask scheduler answers at {scheduler}: {error}") from error
     with client:
-        futures = [
-            client.submit(_work, run.cells[block.cell], run.seed, block, run.engine, pure=False)
-            for block in missing
-        ]
+        futures = [client.submit(_work, *task, pure=False) for task in _tasks(run, missing)]
         for _, result in distributed.as_completed(futures, with_results=True):
             yield result

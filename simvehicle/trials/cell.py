@@ -9,17 +9,15 @@ import msgspec
 from msgspec import Meta
 
 from mission.geometry.formation import Hexagonal, Layout, Rings
+from mission.strategies.registry import checked, find
 
-Strategy = Literal["locus", "mobs", "locus-hybrid", "locus-multi"]
 PlumeKind = Literal["smooth", "perturbed", "gaussian", "gusty"]
 """The paper's grid, smooth or perturbed; the physical plume in a steady or in a gusting wind."""
 FailureKind = Literal["none", "generic", "in-plume"]
 
-STRATEGIES: tuple[Strategy, ...] = ("locus", "mobs", "locus-hybrid", "locus-multi")
 PLUMES: tuple[PlumeKind, ...] = ("smooth", "perturbed", "gaussian", "gusty")
 
 _NAMES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
-    ("strategy", "strategy", STRATEGIES),
     ("plume", "plume", PLUMES),
     ("motion", "motion model", ("pd", "cruise")),
     ("failure", "kind of failure", ("none", "generic", "in-plume")),
@@ -31,13 +29,16 @@ _NAMES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
 class Cell(msgspec.Struct, frozen=True, kw_only=True):
     """What all trials of a cell have in common. Sources: LoCUS paper, section V; [authors]: their program."""
 
-    strategy: Strategy = "locus"
+    strategy: str = "locus"
+    """A name of `mission.strategies.registry`."""
+    parameters: tuple[tuple[str, float], ...] = ()
+    """(name, value) of a reactive strategy's parameters that differ from their defaults."""
     drones: int = 20
     plume: PlumeKind = "smooth"
     arena_m: float = 100.0
     motion: Literal["pd", "cruise"] = "pd"
     speed_mps: float = 5.0
-    """Of `cruise`; so are the next two."""
+    """Of `cruise`; so are the next two. Reactive strategies keep this speed and acceleration, whatever `motion`."""
     acceleration_mps2: float = 2.0
     settle_s: float = 1.0
     healing: bool = True
@@ -70,7 +71,8 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
 
     def problems(self) -> list[str]:
         """What makes this cell impossible, one clear sentence each."""
-        found = [
+        found = self._strategy_problems()
+        found += [
             f"no {what} is called {getattr(self, name)!r}; there are {', '.join(known)}"
             for name, what, known in _NAMES
             if getattr(self, name) not in known
@@ -105,6 +107,19 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
         if self.limit_ticks < 1:
             found.append(f"a trial needs at least 1 tick, not {self.limit_ticks}")
         return found
+
+    def _strategy_problems(self) -> list[str]:
+        try:
+            entry = find(self.strategy)
+            if not entry.legs and entry.ticks is None:
+                return [f"strategy {self.strategy} has no rule that trials could compile: it flies only"]
+            if self.parameters and entry.ticks is None:
+                return [f"strategy {self.strategy} is flown with the fields of the cell, not with parameters"]
+            if entry.ticks is not None:
+                checked(entry, dict(self.parameters))
+        except ValueError as error:
+            return [str(error)]
+        return []
 
     def label(self) -> str:
         """A short name for tables and figures."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -13,6 +14,8 @@ from mission.geometry.formation import FloatArray
 from mission.strategies.locus import rule
 from mission.strategies.locus.groups import group_count
 from mission.strategies.locus.spiral import arm_spacing_m
+from mission.strategies.registry import find
+from simvehicle.compiled import engine_identity
 from simvehicle.trials import locus as locus_kernel
 from simvehicle.trials.cell import Cell
 from simvehicle.trials.engine import (
@@ -47,6 +50,8 @@ from simvehicle.trials.flight import (
 )
 from simvehicle.trials.motion import POWERS, TICKS_PER_S, Cruise, Pd, motion_numbers
 from simvehicle.trials.plume import plume_numbers
+from simvehicle.trials.ticks.flying import tick_kernel
+from simvehicle.trials.ticks.swarm import Track, fly_swarm
 
 _MOBS_STEP_M = 1.0
 _SAME_POINT_M = 1e-6
@@ -117,6 +122,9 @@ def kernel_setup(cell: Cell) -> Setup:
 def run_cell(cell: Cell, seed: int, first: int, count: int) -> pd.DataFrame:
     """Trials `first` to `first` + `count` - 1 of a cell, one tidy row each; the same however they are split."""
     setup = kernel_setup(cell)
+    if find(cell.strategy).ticks is not None:
+        results, origins = fly_swarm(cell, setup.scene, setup.setup, seed, first, count)
+        return _rows(cell, seed, first, results, origins)
     results = np.zeros((count, TALLY + 1), np.int64)
     origins = np.zeros((count, 2))
     RUNS[cell.strategy](
@@ -135,6 +143,18 @@ def run_cell(cell: Cell, seed: int, first: int, count: int) -> pd.DataFrame:
     return _rows(cell, seed, first, results, origins)
 
 
+def kernel_of(cell: Cell) -> Callable[..., Any]:
+    """The compiled entry that flies trials of `cell`."""
+    ticks = find(cell.strategy).ticks
+    return RUNS[cell.strategy] if ticks is None else tick_kernel(ticks.rule)
+
+
+def engine_of(cells: Sequence[Cell]) -> str:
+    """Equal where the rows of `cells` are: rows that different code computed are never put together."""
+    kernels = {cell.strategy: kernel_of(cell) for cell in cells}
+    return engine_identity(*(kernels[name] for name in sorted(kernels)), kernel_setup, _rows)
+
+
 class RecordedTrial(msgspec.Struct, frozen=True):
     """One trial with everything that a plot of it needs."""
 
@@ -144,11 +164,19 @@ class RecordedTrial(msgspec.Struct, frozen=True):
     """(m, LEG) the legs flown, see `flight`."""
     setup: Setup
     """With the plume where it was."""
+    track: Track | None = None
+    """Instead of legs: where the robots of a reactive strategy were."""
 
 
 def record_trial(cell: Cell, seed: int, trial: int, most_legs: int = 400_000) -> RecordedTrial:
     """Fly one trial and keep its legs."""
     setup = kernel_setup(cell)
+    if find(cell.strategy).ticks is not None:
+        results, origins = fly_swarm(cell, setup.scene, setup.setup, seed, trial, 1)
+        track = Track(int(results[0, NOW]), cell.drones)
+        fly_swarm(cell, setup.scene, setup.setup, seed, trial, 1, track)
+        row = _rows(cell, seed, trial, results, origins).iloc[0].to_dict()
+        return RecordedTrial(row, np.zeros((0, LEG)), setup, track)
     results = np.zeros((1, TALLY + 1), np.int64)
     origins = np.zeros((1, 2))
     legs = np.zeros((most_legs, LEG))
@@ -186,7 +214,7 @@ def _rows(cell: Cell, seed: int, first: int, results: np.ndarray, origins: Float
             "drones": cell.drones,
             "plume": cell.plume,
             "arena_m": cell.arena_m,
-            "motion": cell.motion,
+            "motion": cell.motion if find(cell.strategy).ticks is None else "cruise",
             "healing": cell.healing,
             "failure": cell.failure,
             "failure_rate": cell.failure_rate,

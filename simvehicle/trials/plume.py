@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 
 from mission.geometry.formation import FloatArray
-from simvehicle.compiled import kernel
+from simvehicle.compiled import kernel, leaf
 from simvehicle.world import gas_formulas
 from simvehicle.world.compiled_gas import gaussian_concentration_pm2, locus_grid_value
 from simvehicle.world.gas import Gaussian
@@ -76,7 +76,7 @@ def plume_numbers(name: PlumeName, perturbed: bool, gust_sd_mps: float) -> tuple
     return numbers, np.zeros((1, 1))
 
 
-_OMEGA_RADPS = np.array([2.0 * math.pi / period_s for period_s in _WAVE_PERIODS_S])
+OMEGA_RADPS = np.array([2.0 * math.pi / period_s for period_s in _WAVE_PERIODS_S])
 
 
 @kernel
@@ -86,7 +86,7 @@ def _meandering_value(plume: FloatArray, x: float, y: float, time_s: float) -> f
     if x > 0.0 and plume[WAVES] > 0.0:
         left_s = time_s - x / plume[WIND]
         for wave in range(WAVE_COUNT):
-            omega = _OMEGA_RADPS[wave]
+            omega = OMEGA_RADPS[wave]
             phase = plume[WAVES + WAVE_COUNT + wave]
             swing = math.sin(omega * time_s + phase) - math.sin(omega * left_s + phase)
             shift += plume[WAVES + wave] / omega * swing
@@ -95,7 +95,7 @@ def _meandering_value(plume: FloatArray, x: float, y: float, time_s: float) -> f
     return value if value >= LOCUS_CUT else 0.0
 
 
-@kernel
+@leaf
 def reading(plume: FloatArray, grid: FloatArray, x: float, y: float, time_s: float) -> float:
     """What a sensor at (x, y) north and east of the plume's origin reads, in [0, 1]."""
     if plume[KIND] != GRID:

@@ -49,6 +49,13 @@ def uniform(stream: Stream) -> float:
 
 
 @compiled
+def uniform_at(streams: Stream, place: int) -> float:
+    """`uniform` of the stream that stands at `place` of many."""
+    streams[place] += _GOLDEN
+    return float(_mixed(streams[place]) >> _S11) * (1.0 / 9007199254740992.0)
+
+
+@compiled
 def geometric_tick(draw: float, probability: float) -> int:
     """The tick (from 1) at which something of `probability` a tick happens first, for a uniform `draw`."""
     if probability <= 0.0:

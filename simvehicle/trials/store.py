@@ -14,8 +14,8 @@ import pathlib
 import msgspec
 import pandas as pd
 
-from simvehicle.compiled import ENGINE
 from simvehicle.trials.cell import Cell
+from simvehicle.trials.outcome import engine_of
 from simvehicle.trials.trials_error import TrialsError
 
 
@@ -27,7 +27,12 @@ class Run(msgspec.Struct, frozen=True):
     trials: int
     block: int
     cells: tuple[Cell, ...]
-    engine: str = ENGINE
+    engine: str = ""
+    """Of the code that computes the rows; empty: as it is now."""
+
+    def __post_init__(self) -> None:
+        if not self.engine:
+            msgspec.structs.force_setattr(self, "engine", engine_of(self.cells))
 
 
 class Block(msgspec.Struct, frozen=True):

@@ -56,6 +56,9 @@ class Tracks:
         """(samples, drones, 2) north and east; NaN after a drone's failure."""
         self.heir: FloatArray = np.zeros((samples, drones))
         """1 where a drone was on its way to another's slot."""
+        if trial.track is not None:
+            self.place_m[:] = trial.track.places_m(np.arange(samples) * every)
+            return
         _trace(trial.setup.scene.motion, trial.setup.scene.powers, trial.legs, every, self.place_m, self.heir)
 
     def failures(self) -> list[tuple[int, float, float, float]]:

@@ -25,9 +25,12 @@ from msgspec import Meta
 from mission.geometry.formation import Layout
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Decision, GoTo, Hold, Observation, Order, Reading, Stage
+from mission.strategies.entry import StrategyEntry
 from mission.strategies.locus.note import LocusNote, noted
+from mission.strategies.locus.rule import locus_next
+from mission.strategies.locus.seats import nearest_first
 from mission.strategies.locus.strategy import Locus, LocusParameters, seated
-from mission.strategies.mobs import MobsFlight, MobsParameters, contact_of, first_bearing_rad
+from mission.strategies.mobs import MobsFlight, MobsParameters, contact_of, first_bearing_rad, mobs_next
 from mission.strategies.packed import Packed, is_contact
 
 
@@ -120,3 +123,14 @@ class LocusHybrid:
             order, sequence=order.sequence + 1, stage=Stage.FORM, anchor_ned_m=anchor
         )
         return seated(noted(called, LocusNote(0.0, anchor)), observation)
+
+
+ENTRY = StrategyEntry(
+    name="locus-hybrid",
+    make=LocusHybrid,
+    parameters=HybridParameters,
+    rules=(mobs_next, nearest_first, locus_next),
+    note=AloneNote,
+    word=ContactWord,
+    legs=True,
+)

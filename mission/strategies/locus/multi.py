@@ -27,7 +27,9 @@ from msgspec import Meta
 from mission.geometry.formation import Layout
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Decision, Hold, Observation, Order, Reading, Stage, TreePlace
+from mission.strategies.entry import StrategyEntry
 from mission.strategies.locus.groups import group_begin, group_count
+from mission.strategies.locus.rule import locus_next
 from mission.strategies.locus.strategy import Locus, LocusParameters
 from mission.strategies.packed import FARTHEST_M, Packed
 
@@ -211,3 +213,14 @@ def _within(
     return msgspec.structs.replace(
         observation, neighbours=neighbours, tree=tree, order=order, readings=readings
     )
+
+
+ENTRY = StrategyEntry(
+    name="locus-multi",
+    make=LocusMulti,
+    parameters=MultiParameters,
+    rules=(group_count, group_begin, locus_next),
+    note=MultiNote,
+    word=GroupWord,
+    legs=True,
+)

@@ -35,6 +35,7 @@ from mission.geometry.formation import FloatArray, Layout, rotated
 from mission.geometry.frames import Vector3
 from mission.strategies.arrival import Arrival
 from mission.strategies.contract import Decision, GoTo, Hold, Observation, Order, Reading, Stage
+from mission.strategies.entry import StrategyEntry
 from mission.strategies.locus import rule
 from mission.strategies.locus.note import LocusNote, note_of, noted
 from mission.strategies.locus.seats import nearest_first
@@ -337,3 +338,8 @@ def _mean_wind(observation: Observation) -> Vector3 | None:
     if math.hypot(north_mps, east_mps) < max(_CALM_MPS, math.sqrt(variance_m2ps2)):
         return None
     return north_mps, east_mps, down_mps
+
+
+ENTRY = StrategyEntry(
+    name="locus", make=Locus, parameters=LocusParameters, rules=(rule.locus_next,), note=LocusNote, legs=True
+)
