@@ -4,7 +4,8 @@ The rules are those of the trials (`simvehicle.trials`): `mobs_next` on the spok
 around the caller, `locus_next` from there on. What a flight does otherwise, and why:
 
 * The drones form up before they part, and each one's spokes begin in its own slot: points may all begin in one
-  place, drones may not. If the formation has contact at once, LoCUS goes on as it stands.
+  place, drones may not. If the formation has contact at once, LoCUS goes on as it stands, and they part where it has
+  lost it.
 * A drone that has contact stays where it was and says so in its word; the root, which hears the words of all, orders
   everybody around the lowest-numbered drone of those that it hears of first. In a trial the call reaches everybody in
   the same tick. The radios must reach over the whole search either way: a tree whose members fly alone has links as
@@ -78,7 +79,7 @@ class LocusHybrid:
         decision = self._locus.decide(observation, rng)
         if order is None or order.apart or decision.order is None or decision.order.stage is not Stage.SEARCH:
             return decision
-        # Formed up without contact: they part.
+        # The formation has no contact: they part.
         parted = msgspec.structs.replace(
             decision.order, anchor_ned_m=order.anchor_ned_m, note=_ALONE.pack(AloneNote()), apart=True
         )

@@ -102,17 +102,24 @@ def contacts(
     contact: FloatArray,
     weight: FloatArray,
 ) -> bool:
-    """Whether the first `count` readings have contact; `contact` gets them with 0 where there is none.
+    """Whether any of the first `count` readings has contact; if so, `contact` gets them with 0 where there is none.
 
-    `weight` gets how much each counts: by its own noise on top of what a plane cannot follow of the plume's shape.
+    `weight` then gets how much each counts: by its own noise on top of what a plane cannot follow of the plume.
     """
+    least = numbers[DETECTION]
+    sigmas = numbers[SIGMAS]
     some = False
     for i in range(count):
-        least = max(numbers[DETECTION], numbers[SIGMAS] * math.sqrt(variance[i]))
-        contact[i] = value[i] if value[i] > least else 0.0
-        weight[i] = 1.0 / (variance[i] + numbers[NOISE] * numbers[NOISE])
-        some = some or contact[i] > 0.0
-    return some
+        if value[i] > least and value[i] > sigmas * math.sqrt(variance[i]):
+            some = True
+    if not some:
+        return False
+    noise = numbers[NOISE] * numbers[NOISE]
+    for i in range(count):
+        has_contact = value[i] > least and value[i] > sigmas * math.sqrt(variance[i])
+        contact[i] = value[i] if has_contact else 0.0
+        weight[i] = 1.0 / (variance[i] + noise)
+    return True
 
 
 def turn(state: FloatArray, numbers: FloatArray, draw: float) -> None:
@@ -142,7 +149,7 @@ def locus_next(
     of the one before, with their places and variances (finite) and what `contacts` made of them. A wind of (0, 0) is
     not known. The draws, uniform in [0, 1), are for the step's jitter. Returns whether it is a step up the gradient.
     """
-    keep_best(state, numbers, north_m, east_m, contact, variance, count, fresh)
+    keep_best(state, numbers, north_m, east_m, contact, variance, count, fresh if some else 0)
     if state[BEST] > 0.0 and 0.0 < numbers[PATIENCE] <= state[SINCE_BEST]:
         state[STAGE] = FOUND
         return False

@@ -130,7 +130,8 @@ class Drones:
                     readings[drone] = decision.reading
             first = decisions[drones[0]]
             word = _GROUP_WORD.unpack(first.word)
-            if first.order is not None or (word is not None and word.order.sequence == sequence):
+            ordered = word is not None and word.order.sequence == sequence
+            if ordered or (sequence is None and first.order is not None):
                 return list(decisions.values())
         raise AssertionError("nobody decides")
 
