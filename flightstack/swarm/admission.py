@@ -51,7 +51,7 @@ MOST_TOLD = 1000
 """A node that makes up a new fault with every message must not fill the log, or the memory."""
 
 
-class Fault(enum.Enum):
+class RefusalKind(enum.Enum):
     """Why a message is not believed."""
 
     UNREADABLE = "unreadable"
@@ -67,7 +67,7 @@ class Fault(enum.Enum):
 
 
 class Refusal(msgspec.Struct, frozen=True):
-    fault: Fault
+    kind: RefusalKind
     reason: str
     """What is wrong, of a message whose sender is known: "its position is none"."""
     text: str
@@ -102,29 +102,29 @@ class Admission:
             message: Message = received.topic.codec.decode(received.payload)
         except WireError as error:
             text = f"{received.topic.name} from {sender}: {error}"
-            return self._refusal(Fault.UNREADABLE, str(error), text, None)
+            return self._refusal(RefusalKind.UNREADABLE, str(error), text, None)
         misplaced = self._misplaced(sender, message)
         implausible = refusal(message, ANYBODY if misplaced else self._members)
         if implausible:
             text = f"a message of {sender} is refused: {implausible}"
-            return self._refusal(Fault.IMPLAUSIBLE, implausible, text, None)
+            return self._refusal(RefusalKind.IMPLAUSIBLE, implausible, text, None)
         if misplaced is not None:
-            fault, reason = misplaced
-            return self._refusal(fault, reason, reason, _believable(message))
+            kind, reason = misplaced
+            return self._refusal(kind, reason, reason, _believable(message))
         if isinstance(message, TreeState):
             self._trees[sender] = (received.payload, message)
         return _believable(message)
 
-    def _misplaced(self, sender: str, message: Message) -> tuple[Fault, str] | None:
+    def _misplaced(self, sender: str, message: Message) -> tuple[RefusalKind, str] | None:
         """What is wrong with where a message comes from."""
         if isinstance(message, DroneState | TreeState):
             if str(message.sender) != sender:
                 return _misnamed(message.sender, sender)
             if message.sender == self._drone:
                 text = f"another node also says that it is drone {self._drone}: every drone needs its own id"
-                return Fault.TWIN, text
+                return RefusalKind.TWIN, text
             if message.sender not in self._members:
-                return Fault.STRANGER, f"drone {message.sender} is not in swarm.members"
+                return RefusalKind.STRANGER, f"drone {message.sender} is not in swarm.members"
         # A ground station also answers and tells for drones whose agents are silent.
         if (
             isinstance(message, CommandOutcome | Event)
@@ -136,14 +136,17 @@ class Admission:
             None,
             message.frame,
         ):
-            return Fault.FOREIGN_FRAME, f"{sender} flies in another frame: give all members the same origin"
+            return (
+                RefusalKind.FOREIGN_FRAME,
+                f"{sender} flies in another frame: give all members the same origin",
+            )
         return None
 
-    def _refusal(self, fault: Fault, reason: str, text: str, message: Message | None) -> Refusal:
+    def _refusal(self, kind: RefusalKind, reason: str, text: str, message: Message | None) -> Refusal:
         fresh = text not in self._told and len(self._told) < MOST_TOLD
         if fresh:
             self._told.add(text)
-        return Refusal(fault, reason, text, fresh, message)
+        return Refusal(kind, reason, text, fresh, message)
 
 
 def refusal(message: object, members: Collection[int]) -> str:
@@ -176,8 +179,8 @@ def flaw(decision: Decision) -> str:
     return "" if decision.order is None else _order(decision.order)
 
 
-def _misnamed(drone: int, sender: str) -> tuple[Fault, str]:
-    return Fault.MISNAMED, f"a message of drone {drone} came under the name {sender}"
+def _misnamed(drone: int, sender: str) -> tuple[RefusalKind, str]:
+    return RefusalKind.MISNAMED, f"a message of drone {drone} came under the name {sender}"
 
 
 def _believable(message: Message) -> Message:

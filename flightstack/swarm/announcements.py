@@ -34,7 +34,7 @@ class OwnFacts(msgspec.Struct, frozen=True):
     """What its strategy tells the neighbours' strategies."""
 
 
-class Told(msgspec.Struct, frozen=True):
+class Announced(msgspec.Struct, frozen=True):
     messages: tuple[tuple[str, bytes], ...]
     """(topic name, payload)."""
     events: tuple[Event, ...]
@@ -60,7 +60,7 @@ class Announcements:
         outcomes: Sequence[CommandOutcome],
         own: OwnFacts,
         tree: SwarmTree,
-    ) -> Told:
+    ) -> Announced:
         """What is told in this tick: events and answers at once, state and tree when they are due. A drone that has
         not been started yet has no tree to tell."""
         events = self._numbered(notes)
@@ -70,7 +70,7 @@ class Announcements:
             messages.append((STATE.name, STATE.codec.encode(self._state(own))))
         if tree.survey is not None and self._due(now_s, TREE):
             messages.append((TREE.name, TREE.codec.encode(tree.message())))
-        return Told(tuple(messages), events)
+        return Announced(tuple(messages), events)
 
     def _due(self, now_s: float, topic: Topic) -> bool:
         """Whether `topic` is to be sent in this tick; if so, it counts as sent."""

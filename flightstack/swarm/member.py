@@ -10,8 +10,8 @@ from collections.abc import Iterable, Sequence
 
 import msgspec
 
-from flightstack.swarm.admission import Admission, Fault, Refusal
-from flightstack.swarm.announcements import Announcements, OwnFacts, Told
+from flightstack.swarm.admission import Admission, Refusal, RefusalKind
+from flightstack.swarm.announcements import Announced, Announcements, OwnFacts
 from flightstack.swarm.news import Note, tree_notes
 from flightstack.swarm.parting import Part
 from flightstack.swarm.peers import Peers
@@ -95,7 +95,7 @@ class SwarmMember:
                 case Refusal():
                     if message.fresh:
                         refused.append(Note(Severity.WARNING, "peer", message.text))
-                    if message.fault is Fault.TWIN and isinstance(message.message, DroneState):
+                    if message.kind is RefusalKind.TWIN and isinstance(message.message, DroneState):
                         self._twin = message.message
                 case TreeState():
                     trees.append(message)
@@ -127,7 +127,7 @@ class SwarmMember:
 
     def tell(
         self, now_s: float, notes: Sequence[Note], outcomes: Sequence[CommandOutcome], own: OwnFacts
-    ) -> Told:
+    ) -> Announced:
         return self._announcements.step(now_s, notes, outcomes, own, self._tree)
 
     def comes_second(self, ticks: int) -> bool:

@@ -16,7 +16,7 @@ import msgspec
 from flightstack.mavlink.codec import MavlinkMessage
 from flightstack.mavlink.vehicle_state import HEARTBEAT_LOST_S, Role
 from flightstack.swarm import topics
-from flightstack.swarm.admission import Admission, Fault, Message, Refusal
+from flightstack.swarm.admission import Admission, Message, Refusal, RefusalKind
 from flightstack.swarm.wire import (
     Command,
     CommandOutcome,
@@ -190,12 +190,12 @@ class FleetView:
     def _shown(self, refusal: Refusal) -> DroneState | None:
         """The state of a drone that no member of the swarm believes, for it is of another swarm or in another frame:
         a person must see that it is there, and what is wrong with it."""
-        foreign = refusal.fault in (Fault.STRANGER, Fault.FOREIGN_FRAME)
+        foreign = refusal.kind in (RefusalKind.STRANGER, RefusalKind.FOREIGN_FRAME)
         return refusal.message if foreign and isinstance(refusal.message, DroneState) else None
 
     def _refused(self, now_s: float, sender: str, refusal: Refusal) -> None:
         """Remember for an alarm what a node says wrong; of strangers and foreign frames their states tell already."""
-        if refusal.fault in (Fault.STRANGER, Fault.FOREIGN_FRAME):
+        if refusal.kind in (RefusalKind.STRANGER, RefusalKind.FOREIGN_FRAME):
             return
         before = self.garbled.get(sender)
         self.garbled[sender] = Garbled(before.count + 1 if before else 1, refusal.reason, now_s)

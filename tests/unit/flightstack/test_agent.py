@@ -43,7 +43,7 @@ def example(**changes: Any) -> DroneConfig:
     )
 
 
-class Flight:
+class AgentFlight:
     """One agent and its autopilot, tick by tick; keeps what went in and came out."""
 
     def __init__(self, config: DroneConfig, autopilot: Any) -> None:
@@ -80,7 +80,7 @@ class Flight:
                 return outputs
         raise AssertionError(f"still {self.outputs[-1].status}")
 
-    def to(self, phase: Phase) -> Flight:
+    def to(self, phase: Phase) -> AgentFlight:
         """Fly the ordinary way until `phase`."""
         self.tick()
         self.tick(CommandName.START)
@@ -97,8 +97,8 @@ class Flight:
 
 
 @pytest.fixture
-def flight(obedient_autopilot: Any) -> Flight:
-    return Flight(example(), obedient_autopilot)
+def flight(obedient_autopilot: Any) -> AgentFlight:
+    return AgentFlight(example(), obedient_autopilot)
 
 
 def told(outputs: Outputs, kind: type) -> list[Any]:
@@ -106,7 +106,7 @@ def told(outputs: Outputs, kind: type) -> list[Any]:
     return [message for message in messages if isinstance(message, kind)]
 
 
-def test_without_an_autopilot_it_waits_and_says_for_what(flight: Flight) -> None:
+def test_without_an_autopilot_it_waits_and_says_for_what(flight: AgentFlight) -> None:
     outputs = flight.tick(silent=True)
     assert outputs.status == AgentStatus(
         phase=Phase.DISARMED,
@@ -121,14 +121,14 @@ def test_without_an_autopilot_it_waits_and_says_for_what(flight: Flight) -> None
     assert state.position_ned_m is None
 
 
-def test_a_start_that_cannot_be_is_refused_in_the_same_tick(flight: Flight) -> None:
+def test_a_start_that_cannot_be_is_refused_in_the_same_tick(flight: AgentFlight) -> None:
     (outcome,) = told(flight.tick(CommandName.START, silent=True), CommandOutcome)
     assert (outcome.result, outcome.sender) == (Result.REFUSED, 1)
     assert outcome.reason == "the autopilot does not answer: check its link and power"
     assert told(flight.outputs[-1], TreeState) == []
 
 
-def test_a_start_arms_takes_off_and_tells_everybody(flight: Flight) -> None:
+def test_a_start_arms_takes_off_and_tells_everybody(flight: AgentFlight) -> None:
     flight.tick()
     outputs = flight.tick(CommandName.START)
     assert outputs.status.phase is Phase.ARMING
@@ -145,7 +145,7 @@ def test_a_start_arms_takes_off_and_tells_everybody(flight: Flight) -> None:
 
 
 def test_no_setpoint_leaves_before_the_phase_steers_and_one_in_every_tick_while_it_does(
-    flight: Flight,
+    flight: AgentFlight,
 ) -> None:
     flight.tick()
     flight.tick(CommandName.START)
@@ -158,7 +158,7 @@ def test_no_setpoint_leaves_before_the_phase_steers_and_one_in_every_tick_while_
     assert flight.outputs[-1].status.phase is Phase.SEARCHING
 
 
-def test_forming_up_leads_to_the_slot_and_ends_there(flight: Flight) -> None:
+def test_forming_up_leads_to_the_slot_and_ends_there(flight: AgentFlight) -> None:
     flight.to(Phase.FORMING)
     flight.tick()
     assert flight.setpoints[-1].vz > 0.0, "down from its layer to the root's slot"
@@ -167,7 +167,7 @@ def test_forming_up_leads_to_the_slot_and_ends_there(flight: Flight) -> None:
     assert flight.events("phase")[-1] == (Severity.INFO, "searching: in formation")
 
 
-def test_a_pause_holds_the_place(flight: Flight) -> None:
+def test_a_pause_holds_the_place(flight: AgentFlight) -> None:
     flight.to(Phase.HOLDING)
     flight.tick()
     (held,) = flight.setpoints
@@ -183,7 +183,7 @@ def test_a_pause_holds_the_place(flight: Flight) -> None:
 
 @pytest.mark.parametrize(("name", "mode"), [(CommandName.LAND, LAND), (CommandName.RTL, RTL)])
 def test_a_command_that_brings_it_down_gives_the_vehicle_to_the_autopilot(
-    flight: Flight, name: CommandName, mode: int
+    flight: AgentFlight, name: CommandName, mode: int
 ) -> None:
     flight.to(Phase.SEARCHING)
     assert flight.tick(name).status.phase is Phase.LANDING
@@ -196,7 +196,7 @@ def test_a_command_that_brings_it_down_gives_the_vehicle_to_the_autopilot(
     assert flight.tick().status.phase is Phase.LANDED
 
 
-def test_when_the_pilot_takes_the_mode_nothing_more_is_sent_in_the_same_tick(flight: Flight) -> None:
+def test_when_the_pilot_takes_the_mode_nothing_more_is_sent_in_the_same_tick(flight: AgentFlight) -> None:
     flight.to(Phase.SEARCHING)
     flight.autopilot.mode = LOITER
     sent = len(flight.autopilot.commands)
@@ -207,14 +207,14 @@ def test_when_the_pilot_takes_the_mode_nothing_more_is_sent_in_the_same_tick(fli
     assert modes == [], "what the pilot has is not taken back"
 
 
-def test_a_low_battery_brings_it_home(flight: Flight) -> None:
+def test_a_low_battery_brings_it_home(flight: AgentFlight) -> None:
     flight.to(Phase.SEARCHING)
     flight.autopilot.battery_percent = 10
     flight.until(Phase.RETURNING, within_s=4.0)
     assert flight.events("leaving") == [(Severity.WARNING, "returning: battery at 10%, below 30%")]
 
 
-def test_an_autopilot_that_falls_silent_in_the_air_keeps_its_agent(flight: Flight) -> None:
+def test_an_autopilot_that_falls_silent_in_the_air_keeps_its_agent(flight: AgentFlight) -> None:
     flight.to(Phase.SEARCHING)
     for _ in range(100):
         outputs = flight.tick(silent=True)
@@ -224,7 +224,7 @@ def test_an_autopilot_that_falls_silent_in_the_air_keeps_its_agent(flight: Fligh
     assert any("own position is" in note for note in state.notes)
 
 
-def test_what_the_autopilot_says_is_told_with_its_weight(flight: Flight) -> None:
+def test_what_the_autopilot_says_is_told_with_its_weight(flight: AgentFlight) -> None:
     text = mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_CRITICAL, b"EKF variance")
     flight.tick()
     packed = flight.autopilot._packed(text)
@@ -234,7 +234,7 @@ def test_what_the_autopilot_says_is_told_with_its_weight(flight: Flight) -> None
 
 
 def test_a_strategy_that_fails_brings_its_drone_home_instead_of_ending_the_agent(
-    flight: Flight, monkeypatch: pytest.MonkeyPatch
+    flight: AgentFlight, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     flight.to(Phase.SEARCHING)
 
@@ -250,7 +250,7 @@ def test_a_strategy_that_fails_brings_its_drone_home_instead_of_ending_the_agent
 
 
 def test_an_illegal_transition_is_told_once_and_the_drone_is_steered_on(
-    flight: Flight, monkeypatch: pytest.MonkeyPatch
+    flight: AgentFlight, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A defect of ours must not end the agent of a drone in the air."""
     flight.to(Phase.FORMING)
@@ -266,21 +266,21 @@ def test_an_illegal_transition_is_told_once_and_the_drone_is_steered_on(
     assert flight.outputs[-1].status.phase is Phase.HOLDING
 
 
-def test_the_same_inputs_give_the_same_outputs(flight: Flight) -> None:
+def test_the_same_inputs_give_the_same_outputs(flight: AgentFlight) -> None:
     flight.to(Phase.HOLDING)
     flight.tick(CommandName.RTL)
     again = Agent(flight.agent.config, incarnation=7)
     assert [again.step(now_s, inputs) for now_s, inputs in flight.inputs] == flight.outputs
 
 
-def test_the_status_stays_on_the_drone_and_out_of_its_fingerprint(flight: Flight) -> None:
+def test_the_status_stays_on_the_drone_and_out_of_its_fingerprint(flight: AgentFlight) -> None:
     outputs = flight.to(Phase.SEARCHING).outputs[-1]
     other = msgspec.structs.replace(outputs.status, waiting_for="something else", comes_second=True)
     assert fingerprint(msgspec.structs.replace(outputs, status=other)) == fingerprint(outputs)
     assert fingerprint(msgspec.structs.replace(outputs, autopilot=b"")) != fingerprint(outputs)
 
 
-def test_of_a_survey_before_nothing_is_remembered(flight: Flight) -> None:
+def test_of_a_survey_before_nothing_is_remembered(flight: AgentFlight) -> None:
     flight.to(Phase.SEARCHING)
     flight.tick(CommandName.LAND)
     flight.autopilot.armed, flight.autopilot.up_m = False, 0.0

@@ -34,7 +34,7 @@ IDLE = AgentStatus(
 FLYING = msgspec.structs.replace(IDLE, phase=Phase.SEARCHING, airborne=True, steerable=True)
 
 
-class Link:
+class ScriptedLink:
     """A link in memory: what is to be read is put in `incoming`."""
 
     describe = "a test's link"
@@ -58,7 +58,7 @@ class Link:
         self.closed = True
 
 
-class Scripted:
+class ScriptedAgent:
     """Stands for an agent: says what a test wants it to say, and may take its time."""
 
     def __init__(self, config: DroneConfig, clock: SimulatedClock) -> None:
@@ -75,15 +75,15 @@ class Scripted:
         return Outputs(b"to the autopilot", (), ((STATE.name, b"state"),), self.events, self.status)
 
 
-class Rig:
+class RunnerRig:
     def __init__(self, directory: pathlib.Path, agent: Agent | None = None, **config: Any) -> None:
         self.config = msgspec.structs.replace(load(EXAMPLE), record_to=str(directory), **config)
         self.clock = SimulatedClock(50.0)
         self.real_s = 1000.0
         self.radio = MemoryRadio(seed=1)
-        self.link = Link()
+        self.link = ScriptedLink()
         self.stop = StopSignals()
-        self.scripted = Scripted(self.config, self.clock)
+        self.scripted = ScriptedAgent(self.config, self.clock)
         self.recording = AgentRecording(self.config, 7, self.clock.now_s(), "drone.yaml")
         self.peer: MemoryTransport = self.radio.join("ground")
         self.shell = Shell(self.link, {}, self.radio.join("1"))
@@ -107,13 +107,13 @@ class Rig:
 
 
 @pytest.fixture
-def rig(tmp_path: pathlib.Path) -> Iterator[Rig]:
-    made = Rig(tmp_path)
+def rig(tmp_path: pathlib.Path) -> Iterator[RunnerRig]:
+    made = RunnerRig(tmp_path)
     yield made
     made.recording.close()
 
 
-def test_ticks_come_by_the_period_and_carry_what_came_in_between(rig: Rig) -> None:
+def test_ticks_come_by_the_period_and_carry_what_came_in_between(rig: RunnerRig) -> None:
     rig.link.incoming = b"from the autopilot"
     command = COMMAND.codec.encode(Command("c1", "ground", 0, CommandName.START))
     rig.peer.publish(COMMAND, command)
@@ -124,14 +124,14 @@ def test_ticks_come_by_the_period_and_carry_what_came_in_between(rig: Rig) -> No
     assert [inputs for _, inputs in rig.scripted.got] == [first, Inputs(), Inputs()]
 
 
-def test_what_an_agent_says_is_sent(rig: Rig) -> None:
+def test_what_an_agent_says_is_sent(rig: RunnerRig) -> None:
     rig.ticks(1)
     rig.radio.step(60.0)
     assert rig.link.written == [b"to the autopilot"]
     assert [(r.topic, r.sender, r.payload) for r in rig.peer.receive()] == [(STATE, "1", b"state")]
 
 
-def test_ticks_that_took_too_long_are_told_to_the_agent_and_not_made_up(rig: Rig) -> None:
+def test_ticks_that_took_too_long_are_told_to_the_agent_and_not_made_up(rig: RunnerRig) -> None:
     rig.ticks(1)
     rig.scripted.takes_s = 0.35
     rig.ticks(1)
@@ -142,7 +142,7 @@ def test_ticks_that_took_too_long_are_told_to_the_agent_and_not_made_up(rig: Rig
     assert (rig.runner.deadlines.ticks, rig.runner.deadlines.late) == (7, 3)
 
 
-def test_events_are_logged_by_their_severity(rig: Rig, caplog: pytest.LogCaptureFixture) -> None:
+def test_events_are_logged_by_their_severity(rig: RunnerRig, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO, "flightstack")
     rig.scripted.events = (Event(1, 1, Severity.CRITICAL, "down", "landed: disarmed during the survey"),)
     rig.ticks(1)
@@ -154,20 +154,22 @@ def test_events_are_logged_by_their_severity(rig: Rig, caplog: pytest.LogCapture
     ]
 
 
-def test_a_signal_on_the_ground_ends_the_agent_before_another_tick(rig: Rig) -> None:
+def test_a_signal_on_the_ground_ends_the_agent_before_another_tick(rig: RunnerRig) -> None:
     rig.ticks(1)
     rig.stop.count = 1
     assert not rig.runner.tick()
     assert len(rig.scripted.got) == 1
 
 
-def test_a_signal_before_the_first_tick_ends_the_agent(rig: Rig) -> None:
+def test_a_signal_before_the_first_tick_ends_the_agent(rig: RunnerRig) -> None:
     rig.stop.count = 1
     assert not rig.runner.tick()
     assert rig.scripted.got == []
 
 
-def test_the_first_signal_in_the_air_brings_the_drone_home_and_the_second_ends_the_agent(rig: Rig) -> None:
+def test_the_first_signal_in_the_air_brings_the_drone_home_and_the_second_ends_the_agent(
+    rig: RunnerRig,
+) -> None:
     rig.scripted.status = FLYING
     rig.ticks(1)
     rig.stop.count = 1
@@ -178,7 +180,7 @@ def test_the_first_signal_in_the_air_brings_the_drone_home_and_the_second_ends_t
     assert not rig.runner.tick()
 
 
-def test_after_a_signal_the_agent_ends_when_it_is_down(rig: Rig) -> None:
+def test_after_a_signal_the_agent_ends_when_it_is_down(rig: RunnerRig) -> None:
     rig.scripted.status = FLYING
     rig.ticks(1)
     rig.stop.count = 1
@@ -188,7 +190,7 @@ def test_after_a_signal_the_agent_ends_when_it_is_down(rig: Rig) -> None:
     assert not rig.runner.tick()
 
 
-def test_a_hang_up_is_no_order_to_come_home(rig: Rig) -> None:
+def test_a_hang_up_is_no_order_to_come_home(rig: RunnerRig) -> None:
     rig.scripted.status = FLYING
     rig.ticks(1)
     rig.stop.hung_up = True
@@ -209,14 +211,14 @@ def test_a_hang_up_is_no_order_to_come_home(rig: Rig) -> None:
     ],
     ids=["what a pilot flies", "restarted in the air, in our mode", "arming", "landing"],
 )
-def test_what_the_agent_steers_is_not_left_behind(rig: Rig, status: AgentStatus, ends: bool) -> None:
+def test_what_the_agent_steers_is_not_left_behind(rig: RunnerRig, status: AgentStatus, ends: bool) -> None:
     rig.scripted.status = status
     rig.ticks(1)
     rig.stop.count = 1
     assert rig.runner.tick() is not ends
 
 
-def test_an_autopilot_that_does_not_answer_in_time_is_the_files_fault(rig: Rig) -> None:
+def test_an_autopilot_that_does_not_answer_in_time_is_the_files_fault(rig: RunnerRig) -> None:
     rig.scripted.status = msgspec.structs.replace(IDLE, connected=False, waiting_for="no heartbeat")
     rig.ticks(10)
     rig.real_s += rig.config.autopilot.answer_timeout_s
@@ -226,7 +228,7 @@ def test_an_autopilot_that_does_not_answer_in_time_is_the_files_fault(rig: Rig) 
         rig.runner.tick()
 
 
-def test_an_autopilot_that_has_answered_once_may_fall_silent(rig: Rig) -> None:
+def test_an_autopilot_that_has_answered_once_may_fall_silent(rig: RunnerRig) -> None:
     rig.ticks(1)
     rig.scripted.status = msgspec.structs.replace(IDLE, connected=False)
     rig.real_s += 1000.0
@@ -234,7 +236,7 @@ def test_an_autopilot_that_has_answered_once_may_fall_silent(rig: Rig) -> None:
     assert len(rig.scripted.got) == 6
 
 
-def test_the_younger_of_two_agents_with_one_number_ends(rig: Rig) -> None:
+def test_the_younger_of_two_agents_with_one_number_ends(rig: RunnerRig) -> None:
     rig.scripted.status = msgspec.structs.replace(IDLE, comes_second=True)
     with pytest.raises(DocumentError, match="another agent of the swarm is drone 1 already"):
         rig.runner.tick()
@@ -244,7 +246,7 @@ def test_the_younger_of_two_agents_with_one_number_ends(rig: Rig) -> None:
     ("status", "after_s"), [(FLYING, 0.0), (IDLE, TWIN_S)], ids=["in the air", "later than at the start"]
 )
 def test_an_agent_that_has_begun_does_not_give_way_to_another(
-    rig: Rig, status: AgentStatus, after_s: float
+    rig: RunnerRig, status: AgentStatus, after_s: float
 ) -> None:
     rig.scripted.status = msgspec.structs.replace(status, comes_second=True)
     rig.real_s += after_s
@@ -256,7 +258,7 @@ def test_every_tick_is_recorded_and_can_be_flown_again(
     tmp_path: pathlib.Path, obedient_autopilot: Any
 ) -> None:
     config = msgspec.structs.replace(load(EXAMPLE), record_to=str(tmp_path))
-    rig = Rig(tmp_path, Agent(config, incarnation=7))
+    rig = RunnerRig(tmp_path, Agent(config, incarnation=7))
     autopilot = obedient_autopilot(1, LocalFrame(config.origin))
     start = COMMAND.codec.encode(Command("c1", "ground", 0, CommandName.START))
     for tick in range(60):
@@ -274,7 +276,7 @@ def test_every_tick_is_recorded_and_can_be_flown_again(
     assert (result.ticks, result.differing) == (60, 0)
 
 
-def test_closing_closes_every_end(rig: Rig) -> None:
+def test_closing_closes_every_end(rig: RunnerRig) -> None:
     rig.shell.close()
     assert rig.link.closed
     with pytest.raises(TransportError, match="node 1 has left"):

@@ -21,8 +21,8 @@ from flightstack.swarm.admission import (
     NOTE_AT_MOST_BYTES,
     WORD_AT_MOST_BYTES,
     Admission,
-    Fault,
     Refusal,
+    RefusalKind,
     flaw,
     refusal,
 )
@@ -164,9 +164,9 @@ def sent(content: object, sender: str) -> Received:
     return Received(topic, sender, topic.codec.encode(content))
 
 
-def fault(admission: Admission, content: object, sender: str) -> Fault | None:
+def refused_as(admission: Admission, content: object, sender: str) -> RefusalKind | None:
     judged = admission.admit(sent(content, sender))
-    return judged.fault if isinstance(judged, Refusal) else None
+    return judged.kind if isinstance(judged, Refusal) else None
 
 
 @pytest.mark.parametrize("drone", [1, None], ids=["an agent", "a ground station"])
@@ -175,31 +175,31 @@ def fault(admission: Admission, content: object, sender: str) -> Fault | None:
     [
         (TREE, "2", None),
         (STATE, "2", None),
-        (TREE, "3", Fault.MISNAMED),
-        (replace(TREE, frame=9), "2", Fault.FOREIGN_FRAME),
-        (replace(TREE, sender=7), "7", Fault.STRANGER),
-        (replace(TREE, slots=((1, 0), (2, 10**9))), "2", Fault.IMPLAUSIBLE),
-        (replace(STATE, position_ned_m=(NAN, 0.0, 0.0)), "2", Fault.IMPLAUSIBLE),
-        (replace(STATE, sender=7, position_ned_m=(NAN, 0.0, 0.0)), "7", Fault.IMPLAUSIBLE),
-        (Traffic("ground", 9, ()), "ground", Fault.FOREIGN_FRAME),
+        (TREE, "3", RefusalKind.MISNAMED),
+        (replace(TREE, frame=9), "2", RefusalKind.FOREIGN_FRAME),
+        (replace(TREE, sender=7), "7", RefusalKind.STRANGER),
+        (replace(TREE, slots=((1, 0), (2, 10**9))), "2", RefusalKind.IMPLAUSIBLE),
+        (replace(STATE, position_ned_m=(NAN, 0.0, 0.0)), "2", RefusalKind.IMPLAUSIBLE),
+        (replace(STATE, sender=7, position_ned_m=(NAN, 0.0, 0.0)), "7", RefusalKind.IMPLAUSIBLE),
+        (Traffic("ground", 9, ()), "ground", RefusalKind.FOREIGN_FRAME),
         (CommandOutcome("c1", 2, Result.ACCEPTED), "2", None),
-        (CommandOutcome("c1", 2, Result.ACCEPTED), "3", Fault.MISNAMED),
+        (CommandOutcome("c1", 2, Result.ACCEPTED), "3", RefusalKind.MISNAMED),
         (CommandOutcome("c1", 2, Result.ACCEPTED), "ground", None),
-        (Event(2, 1, Severity.INFO, "lost", "drone 3"), "3", Fault.MISNAMED),
+        (Event(2, 1, Severity.INFO, "lost", "drone 3"), "3", RefusalKind.MISNAMED),
         (Event(2, 1, Severity.INFO, "orphan", "drone 2"), "ground", None),
     ],
 )
 def test_drones_and_ground_stations_believe_the_same(
-    drone: int | None, content: object, sender: str, why: Fault | None
+    drone: int | None, content: object, sender: str, why: RefusalKind | None
 ) -> None:
-    assert fault(Admission(MEMBERS, 0, drone), content, sender) is why
+    assert refused_as(Admission(MEMBERS, 0, drone), content, sender) is why
 
 
 def test_a_drone_does_not_take_another_for_itself_and_a_ground_station_sees_both() -> None:
     own = replace(STATE, sender=1)
     refused = Admission(MEMBERS, 0, 1).admit(sent(own, "1"))
     assert isinstance(refused, Refusal)
-    assert (refused.fault, refused.message) == (Fault.TWIN, own)
+    assert (refused.kind, refused.message) == (RefusalKind.TWIN, own)
     assert Admission(MEMBERS, 0).admit(sent(own, "1")) == own
 
 
@@ -207,8 +207,8 @@ def test_who_does_not_know_the_swarm_takes_any_member_and_any_frame_but_no_nonse
     admission = Admission()
     far = replace(TREE, sender=200, frame=9, slots=((200, 0), (201, 1)), lineage=(), epoch=0, author=0)
     assert admission.admit(sent(far, "200")) == far
-    assert fault(admission, replace(far, sender=256), "256") is Fault.STRANGER
-    assert fault(admission, replace(far, slots=((0, 0),)), "200") is Fault.IMPLAUSIBLE
+    assert refused_as(admission, replace(far, sender=256), "256") is RefusalKind.STRANGER
+    assert refused_as(admission, replace(far, slots=((0, 0),)), "200") is RefusalKind.IMPLAUSIBLE
     assert refusal(far, ANYBODY) == ""
 
 

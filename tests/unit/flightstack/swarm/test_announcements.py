@@ -8,7 +8,7 @@ import pytest
 from flightstack.autopilot import AutopilotSession
 from flightstack.config import AutopilotConfig
 from flightstack.sensing.filter_stage import Sensed
-from flightstack.swarm.announcements import Announcements, OwnFacts, Told
+from flightstack.swarm.announcements import Announced, Announcements, OwnFacts
 from flightstack.swarm.news import Note
 from flightstack.swarm.topics import EVENT, OUTCOME, STATE, TOPICS, TREE
 from flightstack.swarm.tree_protocol import SwarmTree
@@ -37,7 +37,7 @@ OWN = OwnFacts(
 )
 
 
-class Node:
+class Speaker:
     def __init__(self) -> None:
         self.announcements = Announcements(2, 77, FRAME.identity, TICK_S)
         self.tree = SwarmTree(
@@ -51,25 +51,25 @@ class Node:
 
     def tell(
         self, now_s: float, *notes: Note, own: OwnFacts = OWN, outcomes: tuple[CommandOutcome, ...] = ()
-    ) -> Told:
+    ) -> Announced:
         return self.announcements.step(now_s, notes, outcomes, own, self.tree)
 
 
 @pytest.fixture
-def node() -> Node:
-    return Node()
+def node() -> Speaker:
+    return Speaker()
 
 
-def decoded(told: Told) -> list[msgspec.Struct]:
+def decoded(told: Announced) -> list[msgspec.Struct]:
     return [TOPICS[name].codec.decode(payload) for name, payload in told.messages]
 
 
-def state_of(told: Told) -> DroneState:
+def state_of(told: Announced) -> DroneState:
     (state,) = (message for message in decoded(told) if isinstance(message, DroneState))
     return state
 
 
-def test_state_and_tree_go_out_at_the_rates_of_their_topics_and_no_more_often(node: Node) -> None:
+def test_state_and_tree_go_out_at_the_rates_of_their_topics_and_no_more_often(node: Speaker) -> None:
     node.tree.begin(0.0, "survey", (0.0, 0.0, -10.0))
     told = [name for tick in range(100) for name, _ in node.tell(tick * TICK_S).messages]
     assert told.count(STATE.name) == 10.0 * (STATE.rate_hz or 0.0)
@@ -77,21 +77,21 @@ def test_state_and_tree_go_out_at_the_rates_of_their_topics_and_no_more_often(no
     assert len(told) == told.count(STATE.name) + told.count(TREE.name)
 
 
-def test_a_tick_that_comes_a_little_early_does_not_halve_the_rate(node: Node) -> None:
+def test_a_tick_that_comes_a_little_early_does_not_halve_the_rate(node: Speaker) -> None:
     period_s = 1.0 / (STATE.rate_hz or 1.0)
     assert [name for name, _ in node.tell(0.0).messages] == [STATE.name]
     assert node.tell(period_s - 0.6 * TICK_S).messages == ()
     assert [name for name, _ in node.tell(period_s - 0.4 * TICK_S).messages] == [STATE.name]
 
 
-def test_a_drone_that_was_not_started_has_no_tree_to_tell(node: Node) -> None:
+def test_a_drone_that_was_not_started_has_no_tree_to_tell(node: Speaker) -> None:
     assert not any(isinstance(message, TreeState) for message in decoded(node.tell(0.0)))
     node.tree.begin(0.1, "survey", (0.0, 0.0, -10.0))
     (tree,) = (message for message in decoded(node.tell(0.1)) if isinstance(message, TreeState))
     assert (tree.sender, tree.survey, dict(tree.slots)) == (2, "survey", {1: 0, 2: 1})
 
 
-def test_the_state_says_who_where_and_how_it_is(node: Node) -> None:
+def test_the_state_says_who_where_and_how_it_is(node: Speaker) -> None:
     first = state_of(node.tell(0.0))
     assert (first.sender, first.incarnation, first.sequence, first.frame) == (2, 77, 1, FRAME.identity)
     assert (first.phase, first.mode, first.armed, first.airborne) == (Phase.SEARCHING, "GUIDED", True, True)
@@ -107,20 +107,20 @@ def test_the_state_says_who_where_and_how_it_is(node: Node) -> None:
     assert state_of(node.tell(0.2)).sequence == 2
 
 
-def test_a_drone_that_was_counted_out_has_no_slot_and_an_heir_on_its_way_is_healing(node: Node) -> None:
+def test_a_drone_that_was_counted_out_has_no_slot_and_an_heir_on_its_way_is_healing(node: Speaker) -> None:
     out = msgspec.structs.replace(PLACE, slot=-1, parent=None)
     state = state_of(node.tell(0.0, own=msgspec.structs.replace(OWN, place=out, moving=True)))
     assert (state.slot, state.parent, state.healing) == (None, None, True)
 
 
-def test_notes_say_what_is_not_as_it_should_be_and_by_whom(node: Node) -> None:
+def test_notes_say_what_is_not_as_it_should_be_and_by_whom(node: Speaker) -> None:
     assert state_of(node.tell(0.0)).notes == ("no wind from the autopilot", "co2: warming", "guard: geofence")
     waiting = msgspec.structs.replace(REPORT, armed=False, ready_reason="no GPS fix")
     on_the_ground = msgspec.structs.replace(OWN, vehicle=waiting, held_by=())
     assert state_of(node.tell(0.2, own=on_the_ground)).notes[0] == "autopilot: no GPS fix"
 
 
-def test_events_are_numbered_and_sent_in_the_tick_in_which_they_happen(node: Node) -> None:
+def test_events_are_numbered_and_sent_in_the_tick_in_which_they_happen(node: Speaker) -> None:
     node.tell(0.0)
     lost, heal = Note(Severity.WARNING, "lost", "drone 3"), Note(Severity.INFO, "heal", "epoch 1")
     told = node.tell(0.1, lost, heal)
@@ -133,7 +133,7 @@ def test_events_are_numbered_and_sent_in_the_tick_in_which_they_happen(node: Nod
     assert [event.sequence for event in node.tell(0.2, lost).events] == [3]
 
 
-def test_a_command_is_answered_in_its_tick(node: Node) -> None:
+def test_a_command_is_answered_in_its_tick(node: Speaker) -> None:
     node.tell(0.0)
     outcome = CommandOutcome("c1", 2, Result.REFUSED, "already searching")
     told = node.tell(0.1, outcomes=(outcome,))
