@@ -15,7 +15,8 @@ from flightstack.recording import named_json
 from flightstack.swarm.topics import STATE, TREE, Topic
 from flightstack.swarm.wire import DroneState, Phase, TreeState
 from flightstack.transport.zenoh_transport import ZenohTransport
-from mission.strategies.contract import Order, Reading, Scalar, Stage, Wind
+from mission.estimation.estimates import Reading, Scalar, Wind
+from mission.strategies.contract import Order, Stage
 from simvehicle.survey.ports import free_ports
 
 PEERS = 20

@@ -27,8 +27,8 @@ from flightstack.swarm import topics
 from flightstack.swarm.announcements import OwnFacts
 from flightstack.swarm.member import SwarmMember, SwarmView
 from flightstack.swarm.news import Note
+from flightstack.swarm.topics import Received
 from flightstack.swarm.wire import Event, Phase, Severity
-from flightstack.transport import Received
 from mission.geometry.formation import make_layout
 from mission.geometry.frames import LocalFrame
 from mission.geometry.geofence import LocalFence

@@ -17,7 +17,7 @@ from flightstack.mavlink.commands import heartbeat, set_mode
 from flightstack.mavlink.message_rates import StreamRequests
 from flightstack.mavlink.modes import Flavour, mode_of
 from flightstack.swarm import topics
-from flightstack.swarm.topics import Topic
+from flightstack.swarm.topics import Received, Topic
 from flightstack.swarm.wire import (
     Command,
     Event,
@@ -27,7 +27,6 @@ from flightstack.swarm.wire import (
     Traffic,
     TrafficVehicle,
 )
-from flightstack.transport import Received
 from gcs.fleet.monitor import Monitor, on_the_wire
 from gcs.fleet.orphans import OrphanKeeper
 from gcs.fleet.proxy import CommandProxy

@@ -26,7 +26,7 @@ _SHORTEST_NAP_S = 0.001
 _LONGEST_NAP_S = 0.02
 
 
-class Cells:
+class ClockCells:
     """The numbers of a clock file."""
 
     def __init__(self, path: str | pathlib.Path) -> None:
@@ -39,10 +39,10 @@ class Cells:
         self.values = memoryview(self._map).cast("d")
 
     @staticmethod
-    def make(path: pathlib.Path, followers: int) -> Cells:
+    def make(path: pathlib.Path, followers: int) -> ClockCells:
         """A new clock file at time 0, for this many followers (slots 1 to `followers`)."""
         path.write_bytes(bytes(CELL_BYTES * (1 + followers)))
-        return Cells(path)
+        return ClockCells(path)
 
     def leave(self, slot: int) -> None:
         """Nobody waits for this follower any more."""
@@ -57,7 +57,7 @@ class SharedClock:
     """The clock as a follower has it (`flightstack.recording.clock.Clock`)."""
 
     def __init__(self, path: str | pathlib.Path, slot: int, speedup: float) -> None:
-        self._cells = Cells(path)
+        self._cells = ClockCells(path)
         if not 1 <= slot < len(self._cells.values):
             raise DocumentError(str(path), f"has no slot {slot}, only 1 to {len(self._cells.values) - 1}")
         self._slot = slot

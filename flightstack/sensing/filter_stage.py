@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from flightstack.config import FiltersConfig, InstrumentConfig
-from mission.strategies.contract import Scalar, Wind
+from mission.estimation.estimates import Scalar, Wind
 from sensors.filters.co2_filter import Co2Filter, Co2FilterConfig
 from sensors.filters.filter_settings import co2_filter_config
 from sensors.filters.wind_config import UNCALIBRATED_DRAG_SCALE_SD

@@ -15,6 +15,7 @@ from collections.abc import Collection
 
 import msgspec
 
+from flightstack.swarm.topics import Received
 from flightstack.swarm.wire import (
     Command,
     CommandOutcome,
@@ -27,9 +28,9 @@ from flightstack.swarm.wire import (
     TreeState,
     WireError,
 )
-from flightstack.transport import Received
+from mission.estimation.estimates import Reading, Scalar, Wind
 from mission.geometry.frames import Vector3
-from mission.strategies.contract import Decision, GoTo, Order, Reading, Scalar, Velocity, Wind
+from mission.strategies.contract import Decision, GoTo, Order, Velocity
 
 Message = DroneState | TreeState | Command | CommandOutcome | Event | Traffic | GroundBeat | GroundReport
 

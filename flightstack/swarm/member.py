@@ -15,12 +15,13 @@ from flightstack.swarm.announcements import Announced, Announcements, OwnFacts
 from flightstack.swarm.news import Note, tree_notes
 from flightstack.swarm.parting import Part
 from flightstack.swarm.peers import Peers
+from flightstack.swarm.topics import Received
 from flightstack.swarm.tree_protocol import SwarmTree
 from flightstack.swarm.wire import Command, CommandOutcome, DroneState, Severity, TreeState
-from flightstack.transport import Received
+from mission.estimation.estimates import Reading
 from mission.geometry.formation import Layout, rotated
 from mission.geometry.frames import Vector3
-from mission.strategies.contract import Decision, Neighbour, Order, Reading, TreePlace
+from mission.strategies.contract import Decision, Neighbour, Order, TreePlace
 
 
 class SwarmView(msgspec.Struct, frozen=True):

@@ -14,8 +14,9 @@ import msgspec
 from flightstack.swarm.admission import Message
 from flightstack.swarm.parting import Part, is_adrift, part_of
 from flightstack.swarm.wire import TAKING_PART, DroneState, GroundBeat, Traffic, TrafficVehicle
+from mission.estimation.estimates import Scalar
 from mission.geometry.frames import Vector3
-from mission.strategies.contract import Neighbour, Scalar
+from mission.strategies.contract import Neighbour
 
 OBSTACLE_MEMORY_S = 3600.0
 """How long a silent flying peer is kept in mind as an obstacle: longer than a battery lasts."""

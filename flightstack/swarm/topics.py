@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import enum
-from typing import Any
+from typing import Any, NamedTuple
 
 from flightstack.swarm.wire import (
     Codec,
@@ -38,6 +38,15 @@ class Topic:
     def key(self, swarm: str, sender: int | str) -> str:
         """zenoh key expression of this topic from one sender; sender "*" matches all."""
         return f"flightstack/{swarm}/{self.name}/{sender}"
+
+
+class Received(NamedTuple):
+    """A message as it came, its payload not yet read."""
+
+    topic: Topic
+    sender: str
+    """Last part of the key: a drone's id, or a ground station's name."""
+    payload: bytes
 
 
 STATE = Topic("state", Codec(DroneState), 5.0, 2.0, Delivery.BEST_EFFORT)

@@ -31,9 +31,10 @@ import msgspec
 from flightstack.swarm.news import TreeNews
 from flightstack.swarm.peers import PeerFacts
 from flightstack.swarm.wire import TreeState
+from mission.estimation.estimates import Reading
 from mission.geometry.formation import Layout, rotated
 from mission.geometry.frames import Vector3
-from mission.strategies.contract import Decision, Order, Reading, Stage, TreePlace
+from mission.strategies.contract import Decision, Order, Stage, TreePlace
 from mission.tree.balanced_tree import Place, heal, place, problems
 
 SETTLE_S = 0.5

@@ -15,8 +15,9 @@ from typing import Generic, TypeVar
 
 import msgspec
 
+from mission.estimation.estimates import Reading, Scalar, Wind
 from mission.geometry.frames import Vector3
-from mission.strategies.contract import Order, Reading, Scalar, Wind
+from mission.strategies.contract import Order
 
 VERSION = 3
 

@@ -7,20 +7,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
-from flightstack.swarm.topics import Topic
+from flightstack.swarm.topics import Received, Topic
 
 
 class TransportError(RuntimeError):
     """The network cannot be set up as configured; one line that says what and where."""
-
-
-class Received(NamedTuple):
-    topic: Topic
-    sender: str
-    """Last part of the key: a drone's id, or a ground station's name."""
-    payload: bytes
 
 
 class Transport(Protocol):

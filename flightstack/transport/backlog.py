@@ -6,8 +6,7 @@ import collections
 from collections.abc import Iterable
 from typing import Final
 
-from flightstack.swarm.topics import Delivery
-from flightstack.transport import Received
+from flightstack.swarm.topics import Delivery, Received
 
 KEPT_PER_SENDER: Final = 4
 """Newest messages of one best-effort topic kept of each sender: after a stall, old states are only work."""

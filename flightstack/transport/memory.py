@@ -16,8 +16,8 @@ import random
 from collections.abc import Callable, Collection, Iterable
 from typing import Final
 
-from flightstack.swarm.topics import TOPICS, Delivery, Topic
-from flightstack.transport import Received, TransportError
+from flightstack.swarm.topics import TOPICS, Delivery, Received, Topic
+from flightstack.transport import TransportError
 from flightstack.transport.backlog import KEPT_PER_SENDER
 from mission.geometry.frames import Vector3
 

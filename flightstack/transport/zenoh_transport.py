@@ -23,8 +23,8 @@ from typing import Any, Final
 import zenoh
 
 from flightstack.config import TlsConfig
-from flightstack.swarm.topics import Delivery, Topic
-from flightstack.transport import Received, TransportError
+from flightstack.swarm.topics import Delivery, Received, Topic
+from flightstack.transport import TransportError
 from flightstack.transport.backlog import trimmed
 from flightstack.transport.endpoints import check_endpoint
 from flightstack.transport.linger import stop_lingering

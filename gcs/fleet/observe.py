@@ -8,9 +8,8 @@ from typing import Any
 
 import msgspec
 
-from flightstack.swarm.topics import REPORT
+from flightstack.swarm.topics import REPORT, Received
 from flightstack.swarm.wire import Severity
-from flightstack.transport import Received
 from gcs.connection import Connection
 from gcs.fleet.monitor import NEVER_HEARD_AFTER_S, Alarm, Monitor, why_unheard
 from gcs.fleet.view import DroneRow, FleetView

@@ -17,6 +17,7 @@ from flightstack.mavlink.codec import MavlinkMessage
 from flightstack.mavlink.vehicle_state import HEARTBEAT_LOST_S, Role
 from flightstack.swarm import topics
 from flightstack.swarm.admission import Admission, Message, Refusal, RefusalKind
+from flightstack.swarm.topics import Received
 from flightstack.swarm.wire import (
     Command,
     CommandOutcome,
@@ -26,7 +27,6 @@ from flightstack.swarm.wire import (
     HeardVehicle,
     TreeState,
 )
-from flightstack.transport import Received
 from gcs.fleet.agents import HeardAgent
 from gcs.fleet.vehicles import Component, Vehicles
 from mission.geometry.frames import LocalFrame, Vector3

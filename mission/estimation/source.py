@@ -13,9 +13,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from mission.estimation.estimates import Reading
 from mission.geometry.formation import FloatArray
 from mission.geometry.frames import Vector3
-from mission.strategies.contract import Reading
 
 _STRONG = 0.7
 """Readings below this fraction of the best one are left out: downwind the plume falls off more slowly than

@@ -12,19 +12,11 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from mission.estimation.estimates import Reading
 from mission.geometry.formation import FloatArray, Layout
 from mission.geometry.frames import Vector3
 from mission.strategies.arrival import Arrival
-from mission.strategies.contract import (
-    Decision,
-    GoTo,
-    Hold,
-    Observation,
-    Order,
-    OwnState,
-    Reading,
-    Stage,
-)
+from mission.strategies.contract import Decision, GoTo, Hold, Observation, Order, OwnState, Stage
 from mission.strategies.entry import StrategyEntry
 from mission.strategies.packed import Packed, is_contact
 from mission.strategies.spokes import GOLDEN, next_bearing, next_on_spokes

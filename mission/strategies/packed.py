@@ -12,7 +12,7 @@ from typing import Generic, TypeVar
 
 import msgspec
 
-from mission.strategies.contract import Reading
+from mission.estimation.estimates import Reading
 
 FARTHEST_M = 100_000.0
 """From the origin, per axis: farther away is no place of a survey."""

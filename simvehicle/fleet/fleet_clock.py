@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 
-from flightstack.recording.shared_clock import Cells
+from flightstack.recording.shared_clock import ClockCells
 
 AHEAD_S = 0.08
 """How far the time may go past the earliest promise. Less than the 0.1 s after which an agent's tick counts as late:
@@ -17,7 +17,7 @@ STUCK_WALL_S = 5.0
 class FleetClock:
     """Asked for the time once a step; the step then belongs to that time."""
 
-    def __init__(self, speedup: float, clock: Cells | None = None) -> None:
+    def __init__(self, speedup: float, clock: ClockCells | None = None) -> None:
         self._speedup = speedup
         self._clock = clock
         self._now_s = 0.0
@@ -41,7 +41,7 @@ class FleetClock:
         if self._clock is not None:
             self._clock.values[0] = self._now_s
 
-    def _promised_s(self, clock: Cells, wall_s: float) -> float:
+    def _promised_s(self, clock: ClockCells, wall_s: float) -> float:
         """The earliest promise of all followers that have begun, not left and do not hang."""
         earliest_s = math.inf
         for slot in range(1, len(clock.values)):

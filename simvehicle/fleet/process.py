@@ -12,7 +12,7 @@ import threading
 import time
 from types import FrameType
 
-from flightstack.recording.shared_clock import Cells
+from flightstack.recording.shared_clock import ClockCells
 from mission.documents.yaml_file import DocumentError
 from simvehicle.drone.drone_spec import VehicleSpec
 from simvehicle.drone.drones import Drone, SimulatedDrones
@@ -90,9 +90,9 @@ def _truth_writer(path: str) -> TruthWriter:
         raise FleetError("truth", f"{path} cannot be written: {error.strerror}") from error
 
 
-def _shared_clock(config: FleetConfig) -> Cells | None:
+def _shared_clock(config: FleetConfig) -> ClockCells | None:
     try:
-        return Cells(config.clock) if config.clock is not None else None
+        return ClockCells(config.clock) if config.clock is not None else None
     except DocumentError as error:
         raise FleetError("clock", str(error)) from error
 

@@ -123,7 +123,7 @@ class TruthTail:
 
 
 @dataclasses.dataclass(frozen=True)
-class Track:
+class VehicleTrack:
     """One vehicle's way, sampled about every `STEP_S`; all arrays of one length n."""
 
     drone: int
@@ -143,7 +143,7 @@ class Track:
         return float(north_m), float(east_m), float(down_m)
 
 
-def read_tracks(path: pathlib.Path) -> dict[int, Track]:
+def read_tracks(path: pathlib.Path) -> dict[int, VehicleTrack]:
     """The whole file, by drone; empty if there is none or nothing in it."""
     tail = TruthTail(path)
     try:
@@ -152,7 +152,7 @@ def read_tracks(path: pathlib.Path) -> dict[int, Track]:
         tail.close()
 
 
-def make_tracks(rows: Iterable[TruthRow]) -> dict[int, Track]:
+def make_tracks(rows: Iterable[TruthRow]) -> dict[int, VehicleTrack]:
     """Rows of any order as tracks, times counted from the first take-off (from the first row if there was none)."""
     by_drone: dict[int, list[TruthRow]] = {}
     start_s, takeoff_s = np.inf, np.inf
@@ -165,7 +165,7 @@ def make_tracks(rows: Iterable[TruthRow]) -> dict[int, Track]:
     tracks = {}
     for drone, own in sorted(by_drone.items()):
         own.sort(key=lambda row: row.time_s)
-        tracks[drone] = Track(
+        tracks[drone] = VehicleTrack(
             drone,
             np.array([row.time_s for row in own]) - zero_s,
             np.array([row.position_ned_m for row in own]),

@@ -22,7 +22,7 @@ from collections.abc import Iterator, Mapping
 
 import msgspec
 
-from flightstack.recording.shared_clock import Cells
+from flightstack.recording.shared_clock import ClockCells
 from mission.documents.yaml_file import DocumentError, parse, read_text
 from simvehicle.drone.drone_spec import VehicleSpec
 from simvehicle.drone.drones import Drone, SimulatedDrones
@@ -166,9 +166,13 @@ def fly(program: ArducopterProgram, config: FleetConfig, truth: pathlib.Path) ->
         writer = TruthWriter(truth)
         open_ends.callback(writer.close)
         own = pathlib.Path(open_ends.enter_context(tempfile.TemporaryDirectory(prefix="clock-"))) / "clock"
-        times = Cells.make(own, len(config.vehicles))
+        times = ClockCells.make(own, len(config.vehicles))
         open_ends.callback(times.close)
-        told = Cells(config.clock) if config.clock is not None else Cells.make(own.with_name("unheard"), 0)
+        told = (
+            ClockCells(config.clock)
+            if config.clock is not None
+            else ClockCells.make(own.with_name("unheard"), 0)
+        )
         open_ends.callback(told.close)
         clock = FleetClock(config.speedup, times)
         fleet = SitlFleet(config, make_world(config))

@@ -11,7 +11,7 @@ import time
 
 import msgspec
 
-from flightstack.recording.shared_clock import Cells
+from flightstack.recording.shared_clock import ClockCells
 from flightstack.swarm.topics import COMMAND
 from flightstack.swarm.wire import Severity
 from flightstack.transport import Transport
@@ -189,7 +189,7 @@ def _conduct(
     with contextlib.ExitStack() as open_ends:
         transport = _join(prepared)
         open_ends.callback(transport.close)
-        clock = Cells(prepared.clock)
+        clock = ClockCells(prepared.clock)
         open_ends.callback(clock.close)
         open_ends.callback(_leave, clock, prepared, LAUNCHER)
         truth = TruthTail(prepared.truth)
@@ -240,7 +240,7 @@ def _too_slow(log: Log) -> list[str]:
     return [] if missed <= MISSED_LIMIT else [f"{missed:.1%} of the agents' deadlines were missed"]
 
 
-def _leave(clock: Cells, prepared: launch.Prepared, process: str) -> None:
+def _leave(clock: ClockCells, prepared: launch.Prepared, process: str) -> None:
     """The dead are not waited for."""
     slot = prepared.slot(process)
     if slot is not None:

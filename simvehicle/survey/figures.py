@@ -21,7 +21,7 @@ from mission.geometry.formation import Layout
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Stage
 from simvehicle.faults.fault_table import FaultSpec
-from simvehicle.fleet.truth import Track
+from simvehicle.fleet.truth import VehicleTrack
 from simvehicle.survey.watch import Log, TreeMark
 from simvehicle.world.air import World
 from simvehicle.world.fields import GasField
@@ -76,7 +76,7 @@ def drawing(draw: Callable[[], Figure]) -> str:
 
 
 def survey_map(
-    tracks: Mapping[int, Track],
+    tracks: Mapping[int, VehicleTrack],
     homes: Mapping[int, tuple[float, float]],
     world: World,
     above_home_m: float,
@@ -131,7 +131,7 @@ Extent: TypeAlias = tuple[float, float, float, float]
 
 
 def extent(
-    tracks: Mapping[int, Track],
+    tracks: Mapping[int, VehicleTrack],
     homes: Mapping[int, tuple[float, float]],
     source_ned_m: Vector3,
     fence: BaseGeometry | None,
@@ -238,7 +238,7 @@ def _scale_and_arrows(axes: Axes, wind_ned_mps: Vector3) -> None:
 
 
 def over_time(
-    tracks: Mapping[int, Track],
+    tracks: Mapping[int, VehicleTrack],
     log: Log,
     background_ppm: float,
     kills: Mapping[int, float],
@@ -293,7 +293,7 @@ def over_time(
     return figure
 
 
-def _end_s(tracks: Mapping[int, Track]) -> float:
+def _end_s(tracks: Mapping[int, VehicleTrack]) -> float:
     return max((float(track.time_s[-1]) for track in tracks.values()), default=0.0)
 
 

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import msgspec
 import yaml
 
-from flightstack.recording.shared_clock import Cells
+from flightstack.recording.shared_clock import ClockCells
 from mission.documents.yaml_file import DocumentError
 from simvehicle.survey.draft import (
     GROUND,
@@ -79,7 +79,7 @@ def prepare(survey: Survey, directory: pathlib.Path) -> Prepared:
     )
     prepared = Prepared(directory, draft(survey, addresses))
     write_files(prepared.draft, directory)
-    Cells.make(prepared.clock, len(prepared.draft.followers)).close()
+    ClockCells.make(prepared.clock, len(prepared.draft.followers)).close()
     return prepared
 
 

@@ -13,7 +13,7 @@ import msgspec
 from flightstack.swarm.wire import Severity
 from mission.geometry.formation import make_layout
 from mission.geometry.geofence import LocalFence
-from simvehicle.fleet.truth import Track
+from simvehicle.fleet.truth import VehicleTrack
 from simvehicle.survey import figures
 from simvehicle.survey.summary import Summary
 from simvehicle.survey.survey_file import Survey
@@ -64,13 +64,13 @@ class ReportTable(msgspec.Struct, frozen=True):
 
 
 def write(
-    survey: Survey, summary: Summary, tracks: Mapping[int, Track], log: Log, directory: pathlib.Path
+    survey: Survey, summary: Summary, tracks: Mapping[int, VehicleTrack], log: Log, directory: pathlib.Path
 ) -> None:
     """Write `report.html` into `directory`."""
     (directory / "report.html").write_text(page(survey, summary, tracks, log), encoding="utf-8")
 
 
-def page(survey: Survey, summary: Summary, tracks: Mapping[int, Track], log: Log) -> str:
+def page(survey: Survey, summary: Summary, tracks: Mapping[int, VehicleTrack], log: Log) -> str:
     """The whole report; parts that there is no data for are left out."""
     events, left_out = _events(log.events)
     return (
@@ -152,7 +152,9 @@ def _numbers(summary: Summary) -> list[Number]:
     ]
 
 
-def _drawings(survey: Survey, summary: Summary, tracks: Mapping[int, Track], log: Log) -> Iterator[Drawing]:
+def _drawings(
+    survey: Survey, summary: Summary, tracks: Mapping[int, VehicleTrack], log: Log
+) -> Iterator[Drawing]:
     config = survey.config
     world = make_world(config)
     fence = LocalFence(world.frame, survey.geofence).area if survey.geofence else None

@@ -14,7 +14,7 @@ from mission.geometry.frames import LocalFrame, Vector3
 from mission.geometry.geofence import Geofence, LocalFence
 from mission.strategies.contract import Stage
 from simvehicle.fleet.fleet_config import FleetConfig
-from simvehicle.fleet.truth import LONGEST_STEP_S, STEP_S, Track
+from simvehicle.fleet.truth import LONGEST_STEP_S, STEP_S, VehicleTrack
 from simvehicle.survey.watch import Log
 
 FENCE_TOLERANCE_M = 1.0
@@ -128,7 +128,7 @@ def summarise(
     source_ned_m: Vector3,
     geofence: Geofence | None,
     separation_m: float,
-    tracks: Mapping[int, Track],
+    tracks: Mapping[int, VehicleTrack],
     log: Log,
     ending: Ending,
 ) -> Summary:
@@ -195,7 +195,7 @@ class Approach(msgspec.Struct, frozen=True):
     time_s: float
 
 
-def closest_approach(tracks: Mapping[int, Track]) -> Approach | None:
+def closest_approach(tracks: Mapping[int, VehicleTrack]) -> Approach | None:
     """The nearest that two flying vehicles came; between two samples each is taken to fly straight on."""
     best: Approach | None = None
     drones = sorted(tracks)
@@ -207,7 +207,7 @@ def closest_approach(tracks: Mapping[int, Track]) -> Approach | None:
     return best
 
 
-def _pair_approach(a: Track, b: Track) -> tuple[float, float] | None:
+def _pair_approach(a: VehicleTrack, b: VehicleTrack) -> tuple[float, float] | None:
     """(distance_m, time_s) of the closest approach of two flying vehicles; None if they never flew together."""
     # The record has both at the same moments, in hundredths of a second.
     moments_a, moments_b = np.rint(a.time_s * 100.0).astype(int), np.rint(b.time_s * 100.0).astype(int)
@@ -228,7 +228,7 @@ def _pair_approach(a: Track, b: Track) -> tuple[float, float] | None:
     return float(distance_m[nearest]), float(time_s[nearest])
 
 
-def fence_breaches(tracks: Mapping[int, Track], frame: LocalFrame, geofence: Geofence | None) -> int:
+def fence_breaches(tracks: Mapping[int, VehicleTrack], frame: LocalFrame, geofence: Geofence | None) -> int:
     """How often a flying vehicle left the fence; it must come well inside before it can leave it again."""
     if geofence is None:
         return 0
@@ -248,7 +248,9 @@ def fence_breaches(tracks: Mapping[int, Track], frame: LocalFrame, geofence: Geo
     return count
 
 
-def _drone(drone: int, track: Track | None, home_m: tuple[float, float], agent_alive: bool) -> DroneSummary:
+def _drone(
+    drone: int, track: VehicleTrack | None, home_m: tuple[float, float], agent_alive: bool
+) -> DroneSummary:
     if track is None:
         return DroneSummary(drone, agent_alive, True, False, None, 0.0, "", None, None)
     measured = track.co2_ppm[np.isfinite(track.co2_ppm) & track.airborne]
@@ -265,7 +267,7 @@ def _drone(drone: int, track: Track | None, home_m: tuple[float, float], agent_a
     )
 
 
-def _crashed(track: Track) -> bool:
+def _crashed(track: VehicleTrack) -> bool:
     """Whether it ever met the ground at speed: the sink rate over the samples just before each touch-down."""
     touches = np.flatnonzero(track.airborne[:-1] & ~track.airborne[1:]) + 1
     for touch in touches.tolist():
@@ -279,7 +281,7 @@ def _crashed(track: Track) -> bool:
 
 
 def _orphans(
-    tracks: Mapping[int, Track], homes: Mapping[int, tuple[float, float]], ending: Ending, log: Log
+    tracks: Mapping[int, VehicleTrack], homes: Mapping[int, tuple[float, float]], ending: Ending, log: Log
 ) -> tuple[Orphan, ...]:
     found = []
     for drone, track in tracks.items():
@@ -306,7 +308,7 @@ def _orphans(
 
 def _orphan(
     drone: int,
-    track: Track,
+    track: VehicleTrack,
     after: np.ndarray[tuple[int, ...], np.dtype[np.intp]],
     died_s: float,
     home_m: tuple[float, float],
@@ -347,7 +349,7 @@ def _orphan(
     )
 
 
-def _from_home_m(track: Track, home_m: tuple[float, float]) -> float:
+def _from_home_m(track: VehicleTrack, home_m: tuple[float, float]) -> float:
     north_m, east_m, _ = track.last_ned_m
     return math.hypot(north_m - home_m[0], east_m - home_m[1])
 

@@ -7,8 +7,8 @@ from typing import Protocol
 
 import pytest
 
-from flightstack.swarm.topics import COMMAND, EVENT, OUTCOME, STATE, TREE, Topic
-from flightstack.transport import Received, Transport, TransportError
+from flightstack.swarm.topics import COMMAND, EVENT, OUTCOME, STATE, TREE, Received, Topic
+from flightstack.transport import Transport, TransportError
 from flightstack.transport.backlog import KEPT_PER_SENDER
 from flightstack.transport.memory import MemoryRadio
 from flightstack.transport.zenoh_transport import ZenohTransport

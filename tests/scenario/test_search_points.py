@@ -9,6 +9,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from mission.estimation.estimates import Reading, Scalar
 from mission.geometry.formation import FloatArray, Hexagonal, Layout
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import (
@@ -17,8 +18,6 @@ from mission.strategies.contract import (
     Observation,
     Order,
     OwnState,
-    Reading,
-    Scalar,
     Stage,
     Strategy,
     TreePlace,

@@ -17,13 +17,14 @@ import msgspec
 from flightstack.config import DroneConfig
 from flightstack.config_file import load
 from flightstack.recording.clock import make_clock
-from flightstack.recording.shared_clock import Cells
+from flightstack.recording.shared_clock import ClockCells
 from flightstack.swarm import topics
 from flightstack.swarm.wire import CommandName, CommandOutcome, DroneState, Phase, Result, TreeState
 from flightstack.transport.zenoh_transport import ZenohTransport
 from mission.documents.yaml_file import parse
+from mission.estimation.estimates import Scalar
 from mission.geometry.frames import Vector3
-from mission.strategies.contract import Order, Scalar, Stage
+from mission.strategies.contract import Order, Stage
 from simvehicle.fleet.fleet_clock import FleetClock
 from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.fleet.truth import COLUMNS
@@ -114,7 +115,7 @@ def _home(config: DroneConfig) -> Vector3:
 def vehicles(fleet: FleetConfig) -> None:
     assert fleet.truth is not None
     assert fleet.clock is not None
-    fleet_clock = FleetClock(fleet.speedup, Cells(fleet.clock))
+    fleet_clock = FleetClock(fleet.speedup, ClockCells(fleet.clock))
     directory = pathlib.Path(fleet.truth).parent
     with pathlib.Path(fleet.truth).open("w", encoding="utf-8") as truth:
         truth.write(",".join(COLUMNS) + "\n")

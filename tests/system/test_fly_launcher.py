@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 import psutil
 import pytest
 
-from flightstack.recording.shared_clock import Cells
+from flightstack.recording.shared_clock import ClockCells
 from simvehicle.survey import launch
 from simvehicle.survey.conduct import HEARD_WITHIN_S, Flown, fly, write_report
 from simvehicle.survey.supervisor import SurveyOutcome
@@ -165,12 +165,12 @@ def test_simulated_time_waits_for_the_launcher(survey_file: pathlib.Path, tmp_pa
         assert clock.values[0] - stopped_s < HEARD_WITHIN_S + 0.5
 
 
-def clock_of(out: pathlib.Path) -> Cells:
+def clock_of(out: pathlib.Path) -> ClockCells:
     (file,) = out.glob("*/clock")
-    return Cells(file)
+    return ClockCells(file)
 
 
-def stands(clock: Cells) -> bool:
+def stands(clock: ClockCells) -> bool:
     """Whether the time does not move: for half a second on the wall are 10 simulated ones."""
     before_s = clock.values[0]
     time.sleep(0.5)

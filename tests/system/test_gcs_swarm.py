@@ -19,8 +19,8 @@ import pytest
 from flightstack.swarm import topics
 from flightstack.swarm.wire import Command, CommandOutcome, DroneState, Phase, Result
 from flightstack.transport.zenoh_transport import ZenohTransport
+from mission.estimation.estimates import Scalar, Wind
 from mission.geometry.frames import Geodetic, LocalFrame
-from mission.strategies.contract import Scalar, Wind
 from simvehicle.survey.ports import free_port
 
 pytestmark = pytest.mark.system

@@ -23,9 +23,10 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from mission.estimation.estimates import Reading
 from mission.geometry.formation import Layout
 from mission.geometry.frames import Vector3
-from mission.strategies.contract import Decision, GoTo, Hold, Observation, Order, Reading, Stage
+from mission.strategies.contract import Decision, GoTo, Hold, Observation, Order, Stage
 from mission.strategies.entry import StrategyEntry
 from mission.strategies.locus.note import LocusNote, noted
 from mission.strategies.locus.rule import locus_next

@@ -24,9 +24,10 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from mission.estimation.estimates import Reading
 from mission.geometry.formation import Layout
 from mission.geometry.frames import Vector3
-from mission.strategies.contract import Decision, Hold, Observation, Order, Reading, Stage, TreePlace
+from mission.strategies.contract import Decision, Hold, Observation, Order, Stage, TreePlace
 from mission.strategies.entry import StrategyEntry
 from mission.strategies.locus.groups import group_begin, group_count
 from mission.strategies.locus.rule import locus_next

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import msgspec
 
+from mission.estimation.estimates import Reading
 from mission.geometry.frames import Vector3
-from mission.strategies.contract import Order, Reading
+from mission.strategies.contract import Order
 from mission.strategies.packed import FARTHEST_M, Packed, is_contact
 
 

@@ -30,11 +30,12 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from mission.estimation.estimates import Reading
 from mission.estimation.source import estimate_source
 from mission.geometry.formation import FloatArray, Layout, rotated
 from mission.geometry.frames import Vector3
 from mission.strategies.arrival import Arrival
-from mission.strategies.contract import Decision, GoTo, Hold, Observation, Order, Reading, Stage
+from mission.strategies.contract import Decision, GoTo, Hold, Observation, Order, Stage
 from mission.strategies.entry import StrategyEntry
 from mission.strategies.locus import rule
 from mission.strategies.locus.note import LocusNote, note_of, noted

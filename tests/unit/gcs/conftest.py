@@ -13,9 +13,8 @@ from flightstack.config import SwarmConfig
 from flightstack.mavlink import vehicle_state
 from flightstack.mavlink.codec import MavlinkCodec
 from flightstack.swarm import topics
-from flightstack.swarm.topics import Topic
+from flightstack.swarm.topics import Received, Topic
 from flightstack.swarm.wire import DroneState, Phase, TreeState
-from flightstack.transport import Received
 from gcs.fleet.view import FleetView
 from gcs.station_config import GroundConfig, MavlinkConfig
 from mission.geometry.frames import Geodetic, LocalFrame

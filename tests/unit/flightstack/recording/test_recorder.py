@@ -33,7 +33,8 @@ from flightstack.recording.recorder import (
     unused,
 )
 from flightstack.swarm.wire import DroneState, Phase, TreeState
-from mission.strategies.contract import Order, Reading, Scalar, Stage, Wind
+from mission.estimation.estimates import Reading, Scalar, Wind
+from mission.strategies.contract import Order, Stage
 
 STATE = DroneState(
     sender=3,

@@ -11,30 +11,30 @@ import pytest
 
 from flightstack.config import SharedClockConfig
 from flightstack.recording.clock import WallClock, make_clock
-from flightstack.recording.shared_clock import Cells, SharedClock
+from flightstack.recording.shared_clock import ClockCells, SharedClock
 from mission.documents.yaml_file import DocumentError
 
 
 @pytest.fixture
 def path(tmp_path: pathlib.Path) -> pathlib.Path:
-    Cells.make(tmp_path / "clock", followers=2).close()
+    ClockCells.make(tmp_path / "clock", followers=2).close()
     return tmp_path / "clock"
 
 
 def test_a_new_clock_stands_at_nothing(path: pathlib.Path) -> None:
-    cells = Cells(path)
+    cells = ClockCells(path)
     assert list(cells.values) == [0.0, 0.0, 0.0]
     cells.close()
 
 
 def test_two_processes_would_see_the_same_time(path: pathlib.Path) -> None:
-    maker, follower = Cells(path), SharedClock(path, 1, 1.0)
+    maker, follower = ClockCells(path), SharedClock(path, 1, 1.0)
     maker.values[0] = 12.5
     assert follower.now_s() == 12.5
 
 
 def test_sleeping_promises_and_wakes_when_the_time_has_come(path: pathlib.Path) -> None:
-    maker, follower = Cells(path), SharedClock(path, 2, 10.0)
+    maker, follower = ClockCells(path), SharedClock(path, 2, 10.0)
     maker.values[0] = 1.0
     sleeper = threading.Thread(target=follower.sleep_until, args=(1.1,))
     sleeper.start()
@@ -51,14 +51,14 @@ def test_a_sleeper_does_not_hang_with_a_clock_that_stands_still(path: pathlib.Pa
 
 
 def test_who_leaves_is_not_waited_for(path: pathlib.Path) -> None:
-    cells = Cells(path)
+    cells = ClockCells(path)
     cells.leave(1)
     assert cells.values[1] == math.inf
 
 
 def test_a_clock_that_is_not_there(tmp_path: pathlib.Path) -> None:
     with pytest.raises(DocumentError, match="no clock to follow"):
-        Cells(tmp_path / "none")
+        ClockCells(tmp_path / "none")
 
 
 @pytest.mark.parametrize("slot", [0, 3])

@@ -26,7 +26,7 @@ from flightstack.swarm.admission import (
     flaw,
     refusal,
 )
-from flightstack.swarm.topics import Topic
+from flightstack.swarm.topics import Received, Topic
 from flightstack.swarm.wire import (
     VERSION,
     Command,
@@ -41,19 +41,8 @@ from flightstack.swarm.wire import (
     TrafficVehicle,
     TreeState,
 )
-from flightstack.transport import Received
-from mission.strategies.contract import (
-    Decision,
-    GoTo,
-    Hold,
-    Observation,
-    Order,
-    Reading,
-    Scalar,
-    Stage,
-    Velocity,
-    Wind,
-)
+from mission.estimation.estimates import Reading, Scalar, Wind
+from mission.strategies.contract import Decision, GoTo, Hold, Observation, Order, Stage, Velocity
 
 EXAMPLE = pathlib.Path(__file__).parents[4] / "examples" / "drone.yaml"
 MEMBERS = (1, 2, 3, 4, 5)

@@ -13,9 +13,10 @@ from flightstack.swarm.news import Note
 from flightstack.swarm.topics import EVENT, OUTCOME, STATE, TOPICS, TREE
 from flightstack.swarm.tree_protocol import SwarmTree
 from flightstack.swarm.wire import CommandOutcome, DroneState, Event, Phase, Result, Severity, TreeState
+from mission.estimation.estimates import Scalar, Wind
 from mission.geometry.formation import make_layout
 from mission.geometry.frames import Geodetic, LocalFrame
-from mission.strategies.contract import Scalar, TreePlace, Wind
+from mission.strategies.contract import TreePlace
 
 FRAME = LocalFrame(Geodetic(-5.06, 151.3, 500.0))
 TICK_S = 0.1

@@ -8,6 +8,7 @@ import pytest
 from flightstack.swarm import topics
 from flightstack.swarm.member import SwarmMember, SwarmView
 from flightstack.swarm.parting import Part
+from flightstack.swarm.topics import Received
 from flightstack.swarm.wire import (
     Command,
     CommandName,
@@ -19,7 +20,6 @@ from flightstack.swarm.wire import (
     TrafficVehicle,
     TreeState,
 )
-from flightstack.transport import Received
 from mission.geometry.formation import make_layout
 from mission.strategies.contract import Decision, Hold, Order, Stage
 

@@ -15,9 +15,10 @@ from flightstack.swarm.topics import STATE, TREE
 from flightstack.swarm.tree_protocol import SwarmTree
 from flightstack.swarm.wire import DroneState, Phase, TreeState
 from flightstack.transport.memory import Conditions, MemoryRadio
+from mission.estimation.estimates import Reading
 from mission.geometry.formation import make_layout, rotated
 from mission.geometry.frames import Geodetic, LocalFrame, Vector3
-from mission.strategies.contract import Decision, Hold, Order, Reading, Stage
+from mission.strategies.contract import Decision, Hold, Order, Stage
 from mission.tree.balanced_tree import heal, problems
 
 FRAME = LocalFrame(Geodetic(-5.06, 151.3, 500.0))

@@ -22,7 +22,8 @@ from flightstack.swarm.wire import (
     TreeState,
     WireError,
 )
-from mission.strategies.contract import Order, Reading, Scalar, Stage, Wind
+from mission.estimation.estimates import Reading, Scalar, Wind
+from mission.strategies.contract import Order, Stage
 
 number = st.floats(allow_nan=False)
 ids = st.integers(1, 250)

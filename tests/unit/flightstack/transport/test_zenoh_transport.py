@@ -13,8 +13,8 @@ from collections.abc import Callable
 import pytest
 
 from flightstack.config import TlsConfig
-from flightstack.swarm.topics import COMMAND, EVENT, STATE
-from flightstack.transport import Received, TransportError
+from flightstack.swarm.topics import COMMAND, EVENT, STATE, Received
+from flightstack.transport import TransportError
 from flightstack.transport.backlog import KEPT_PER_SENDER, trimmed
 from flightstack.transport.linger import stop_lingering
 from flightstack.transport.zenoh_transport import ZenohTransport

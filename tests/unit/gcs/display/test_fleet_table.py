@@ -15,7 +15,7 @@ from gcs.fleet.monitor import Monitor
 from gcs.fleet.observe import Observer, Snapshot, to_json
 from gcs.fleet.view import FleetView
 from gcs.station_config import AlarmLimits
-from mission.strategies.contract import Scalar, Wind
+from mission.estimation.estimates import Scalar, Wind
 
 
 def draw(renderable, width=80) -> list[str]:

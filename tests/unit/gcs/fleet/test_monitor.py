@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from flightstack.swarm import topics
+from flightstack.swarm.topics import Received
 from flightstack.swarm.wire import Command, CommandName, CommandOutcome, Phase, Result, Severity
-from flightstack.transport import Received
 from gcs.fleet.monitor import Monitor, on_the_wire
 from gcs.fleet.view import FleetView
 from gcs.station_config import AlarmLimits

@@ -6,6 +6,7 @@ import msgspec
 import pytest
 
 from flightstack.swarm import topics
+from flightstack.swarm.topics import Received
 from flightstack.swarm.wire import (
     Command,
     CommandName,
@@ -15,9 +16,8 @@ from flightstack.swarm.wire import (
     Phase,
     Result,
 )
-from flightstack.transport import Received
 from gcs.fleet.view import FleetView
-from mission.strategies.contract import Scalar, Wind
+from mission.estimation.estimates import Scalar, Wind
 
 
 def test_rows_show_what_the_agent_says(frame, state, on_air):

@@ -8,8 +8,9 @@ import msgspec
 import numpy as np
 import pytest
 
+from mission.estimation.estimates import Reading
 from mission.geometry.formation import FloatArray
-from mission.strategies.contract import Order, Reading, Stage
+from mission.strategies.contract import Order, Stage
 from mission.strategies.locus import rule
 from mission.strategies.locus.groups import group_begin, group_count
 from mission.strategies.locus.hybrid import ContactWord

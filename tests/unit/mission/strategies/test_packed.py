@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mission.strategies.contract import Neighbour, Order, Reading, Stage, neighbour_arrays
+from mission.estimation.estimates import Reading
+from mission.strategies.contract import Neighbour, Order, Stage, neighbour_arrays
 from mission.strategies.locus.note import LocusNote, note_of, noted
 from mission.strategies.packed import Packed
 

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mission.estimation.estimates import Scalar, Wind
 from mission.geometry.formation import Hexagonal
 from mission.strategies.contract import (
     Decision,
@@ -19,12 +20,10 @@ from mission.strategies.contract import (
     Observation,
     Order,
     OwnState,
-    Scalar,
     Stage,
     Strategy,
     TreePlace,
     Velocity,
-    Wind,
 )
 from mission.strategies.reactive import beam_ranges, reactive_strategy
 from mission.strategies.tick_rule import WORD, OwnSenses, TickRule, numbers

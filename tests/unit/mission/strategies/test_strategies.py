@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mission.estimation.estimates import Reading, Scalar, Wind
 from mission.estimation.source import estimate_source
 from mission.geometry.formation import Hexagonal
 from mission.strategies.arrival import Arrival
-from mission.strategies.contract import Observation, Order, OwnState, Reading, Scalar, Stage, TreePlace, Wind
+from mission.strategies.contract import Observation, Order, OwnState, Stage, TreePlace
 from mission.strategies.locus.gradient import plane_gradient, waypoint_uphill
 from mission.strategies.locus.note import LocusNote, noted
 from mission.strategies.locus.spiral import arm_spacing_m, spiral_index, spiral_point

@@ -7,7 +7,7 @@ import pathlib
 
 import pytest
 
-from flightstack.recording.shared_clock import Cells
+from flightstack.recording.shared_clock import ClockCells
 from simvehicle.fleet import fleet_clock as module
 from simvehicle.fleet.fleet_clock import AHEAD_S, STUCK_WALL_S, FleetClock
 
@@ -30,8 +30,8 @@ def wall(monkeypatch: pytest.MonkeyPatch) -> Wall:
 
 
 @pytest.fixture
-def cells(tmp_path: pathlib.Path) -> Cells:
-    return Cells.make(tmp_path / "clock", followers=2)
+def cells(tmp_path: pathlib.Path) -> ClockCells:
+    return ClockCells.make(tmp_path / "clock", followers=2)
 
 
 def test_alone_it_is_the_wall_clock_times_the_speedup(wall: Wall) -> None:
@@ -41,7 +41,7 @@ def test_alone_it_is_the_wall_clock_times_the_speedup(wall: Wall) -> None:
     assert pace.advance() == pytest.approx(10.0)
 
 
-def test_who_has_not_begun_is_not_waited_for(wall: Wall, cells: Cells) -> None:
+def test_who_has_not_begun_is_not_waited_for(wall: Wall, cells: ClockCells) -> None:
     pace = FleetClock(4.0, cells)
     pace.advance()
     wall.now_s += 1.0
@@ -51,7 +51,7 @@ def test_who_has_not_begun_is_not_waited_for(wall: Wall, cells: Cells) -> None:
     assert cells.values[0] == pytest.approx(4.0)
 
 
-def test_the_slowest_promise_holds_the_time_back_without_a_jump_after(wall: Wall, cells: Cells) -> None:
+def test_the_slowest_promise_holds_the_time_back_without_a_jump_after(wall: Wall, cells: ClockCells) -> None:
     pace = FleetClock(4.0, cells)
     pace.advance()
     cells.values[1], cells.values[2] = 1.0, 0.3
@@ -63,7 +63,7 @@ def test_the_slowest_promise_holds_the_time_back_without_a_jump_after(wall: Wall
     assert pace.advance() == pytest.approx(0.3 + AHEAD_S + 0.4), "lost time is lost, not made up for"
 
 
-def test_the_time_never_goes_back(wall: Wall, cells: Cells) -> None:
+def test_the_time_never_goes_back(wall: Wall, cells: ClockCells) -> None:
     pace = FleetClock(4.0, cells)
     pace.advance()
     wall.now_s += 1.0
@@ -72,7 +72,7 @@ def test_the_time_never_goes_back(wall: Wall, cells: Cells) -> None:
     assert pace.advance() == pytest.approx(4.0)
 
 
-def test_who_hangs_is_waited_for_for_a_while_only(wall: Wall, cells: Cells) -> None:
+def test_who_hangs_is_waited_for_for_a_while_only(wall: Wall, cells: ClockCells) -> None:
     pace = FleetClock(1.0, cells)
     pace.advance()
     cells.values[1] = 0.1
@@ -89,7 +89,7 @@ def test_who_hangs_is_waited_for_for_a_while_only(wall: Wall, cells: Cells) -> N
     assert pace.advance() == held_s, "it moves again and is waited for again"
 
 
-def test_who_has_left_is_forgotten(wall: Wall, cells: Cells) -> None:
+def test_who_has_left_is_forgotten(wall: Wall, cells: ClockCells) -> None:
     pace = FleetClock(1.0, cells)
     pace.advance()
     cells.values[1] = 0.1

@@ -11,7 +11,7 @@ import sys
 import pytest
 
 from flightstack.config_file import load as load_drone
-from flightstack.recording.shared_clock import Cells
+from flightstack.recording.shared_clock import ClockCells
 from gcs.station_config import load as load_ground
 from mission.documents.yaml_file import DocumentError, parse
 from simvehicle.fleet.fleet_config import FleetConfig
@@ -63,7 +63,7 @@ def test_every_part_can_read_its_file(tmp_path: pathlib.Path) -> None:
         assert ground.swarm.listen[0] in drone.swarm.connect
     links = [link for vehicle in fleet.vehicles for link in vehicle.links[:1]]
     assert len(set(links)) == len(links)
-    clock = Cells(prepared.clock)
+    clock = ClockCells(prepared.clock)
     assert len(clock.values) == 1 + 1 + len(plan.drones) + 1, "the time, ground station, agents, launcher"
     clock.close()
 

@@ -16,7 +16,7 @@ from mission.strategies.contract import Order, Stage
 from simvehicle.drone.drone_spec import VehicleSpec
 from simvehicle.faults.fault_table import FaultSpec
 from simvehicle.fleet.fleet_config import FleetConfig
-from simvehicle.fleet.truth import Track
+from simvehicle.fleet.truth import VehicleTrack
 from simvehicle.survey import figures, report, summary
 from simvehicle.survey.survey_file import Survey, load
 from simvehicle.survey.watch import EventMark, Log, OrderMark, PhaseMark, TreeMark
@@ -57,7 +57,7 @@ def survey() -> Survey:
     return load(EXAMPLES / "survey.yaml")
 
 
-def flight(survey: Survey, end_s: float = 420.0) -> tuple[dict[int, Track], Log]:
+def flight(survey: Survey, end_s: float = 420.0) -> tuple[dict[int, VehicleTrack], Log]:
     """A made-up flight: a turn of spiral, then towards the source, then home; drone 3's agent is killed."""
     times_s = np.arange(-5.0, end_s, 0.1)
     angle = np.clip(times_s - 30.0, 0.0, 160.0) / 160.0 * 2.2 * math.pi
@@ -76,7 +76,7 @@ def flight(survey: Survey, end_s: float = 420.0) -> tuple[dict[int, Track], Log]
         flying = up_m > 0.0
         places_ned_m = np.column_stack([n, e, np.full_like(n, -10.0)])
         co2 = gas.excesses_co2_ppm(places_ned_m, 0.0) * flying + 420.0
-        tracks[drone.id] = Track(
+        tracks[drone.id] = VehicleTrack(
             drone.id, times_s, np.column_stack([n, e, -up_m]), flying, flying,
             tuple("RTL" if drone.id == 3 and t > KILL_S + 6.0 else "GUIDED" for t in times_s),
             co2, np.linspace(1.0, 0.6, len(times_s)),
@@ -111,7 +111,9 @@ def flight(survey: Survey, end_s: float = 420.0) -> tuple[dict[int, Track], Log]
     return tracks, Log(phases, events, trees, tuple(orders), 1, 20_000, 11)
 
 
-def summarised(survey: Survey, tracks: dict[int, Track], log: Log, **ending: object) -> summary.Summary:
+def summarised(
+    survey: Survey, tracks: dict[int, VehicleTrack], log: Log, **ending: object
+) -> summary.Summary:
     values: dict[str, object] = {
         "outcome": "source_found",
         "reason": "the swarm found the source",

@@ -17,7 +17,7 @@ from mission.strategies.contract import Order, Stage
 from simvehicle.drone.drone_spec import VehicleSpec
 from simvehicle.faults.fault_table import FaultSpec
 from simvehicle.fleet.fleet_config import FleetConfig
-from simvehicle.fleet.truth import Track, TruthRow, TruthTail, make_tracks, parse_row, read_tracks
+from simvehicle.fleet.truth import TruthRow, TruthTail, VehicleTrack, make_tracks, parse_row, read_tracks
 from simvehicle.survey import summary
 from simvehicle.survey.conduct import words
 from simvehicle.survey.watch import EventMark, Log, OrderMark
@@ -33,11 +33,11 @@ def track(
     up_m: np.ndarray | float = 10.0,
     airborne: np.ndarray | bool = True,
     modes: tuple[str, ...] | None = None,
-) -> Track:
+) -> VehicleTrack:
     n = len(TIMES_S)
     position = np.column_stack([np.broadcast_to(v, n) for v in (north_m, east_m, -np.asarray(up_m))])
     flying = np.broadcast_to(airborne, n)
-    return Track(
+    return VehicleTrack(
         drone,
         TIMES_S,
         position,
@@ -50,7 +50,7 @@ def track(
 
 
 def summarise(
-    tracks: dict[int, Track],
+    tracks: dict[int, VehicleTrack],
     log: Log | None = None,
     *,
     faults: tuple[FaultSpec, ...] = (),

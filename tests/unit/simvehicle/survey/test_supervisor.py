@@ -9,7 +9,8 @@ import pytest
 
 from flightstack.swarm import topics, wire
 from flightstack.swarm.wire import CommandName, DroneState, Phase, Result, TreeState
-from mission.strategies.contract import Order, Scalar, Stage
+from mission.estimation.estimates import Scalar
+from mission.strategies.contract import Order, Stage
 from simvehicle.fleet.truth import TruthRow
 from simvehicle.survey.processes import Ended
 from simvehicle.survey.supervisor import Action, Finish, Give, KillAgent, Supervisor, SurveyOutcome

@@ -16,6 +16,7 @@ import numba
 import numpy as np
 import pytest
 
+from mission.estimation.estimates import Reading, Scalar
 from mission.geometry.formation import FloatArray
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import (
@@ -25,8 +26,6 @@ from mission.strategies.contract import (
     Observation,
     Order,
     OwnState,
-    Reading,
-    Scalar,
     Stage,
     Strategy,
     TreePlace,
