@@ -16,6 +16,7 @@ from simvehicle.autopilot.channel import Channel, ChannelPeer, Handler
 from simvehicle.autopilot.commands import CommandServer
 from simvehicle.autopilot.flight import TICK_S, Flight
 from simvehicle.autopilot.flight_commands import FlightCommands
+from simvehicle.autopilot.link_services import LinkServices
 from simvehicle.autopilot.message_router import MessageRouter
 from simvehicle.autopilot.message_streams import MessageStreams
 from simvehicle.autopilot.mission_run import Told
@@ -23,7 +24,6 @@ from simvehicle.autopilot.missions import MissionServer, StoredItem, empty_lists
 from simvehicle.autopilot.parameters import Parameters, ParameterServer
 from simvehicle.autopilot.personality import FlavourRecipe, SharedParts
 from simvehicle.autopilot.pilot import RemoteControl
-from simvehicle.autopilot.small_talk import SmallTalk
 from simvehicle.autopilot.telemetry_motion import MotionTelemetry
 from simvehicle.autopilot.telemetry_status import StatusTelemetry
 from simvehicle.autopilot.uploaded_lists import FenceAreas, UploadedLists
@@ -109,8 +109,8 @@ class Autopilot:
             "SET_POSITION_TARGET_LOCAL_NED": lambda _channel, _peer, message: own.events.setpoint(message),
             "SET_POSITION_TARGET_GLOBAL_INT": lambda _channel, _peer, message: own.events.setpoint(message),
         }
-        small_talk = SmallTalk(self.flight, ground_heard_s)
-        for service in (self._parameter_server, commands, self.streams, own.pilot, small_talk):
+        link_services = LinkServices(self.flight, ground_heard_s)
+        for service in (self._parameter_server, commands, self.streams, own.pilot, link_services):
             handlers |= service.handlers()
         self._router = MessageRouter(system, self._channels, handlers, self._list_message)
 

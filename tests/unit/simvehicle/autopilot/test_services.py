@@ -177,7 +177,7 @@ def test_steps_of_any_size_give_the_same_flight(make_ground: MakeGround) -> None
 
 
 @FLAVOURS
-def test_answers_to_what_is_unknown_or_small_talk(flavour: str, make_ground: MakeGround) -> None:
+def test_answers_to_what_is_unknown_or_link_services(flavour: str, make_ground: MakeGround) -> None:
     ground = make_ground(flavour)
     ground.run(1.0)
     assert ground.command(31999) == UNSUPPORTED

@@ -15,7 +15,7 @@ _FTP_OPENS = (3, 4, 13)
 _FTP_FILE_NOT_FOUND, _FTP_UNKNOWN_COMMAND = 10, 7
 
 
-class SmallTalk:
+class LinkServices:
     def __init__(self, flight: Flight, ground_heard_s: dict[int, float]) -> None:
         """`ground_heard_s` gets the time of every ground station's last heartbeat, by system."""
         self._flight = flight
