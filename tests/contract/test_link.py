@@ -21,7 +21,6 @@ from flightstack.mavlink.link import ByteLink, LinkError, open_link
 from flightstack.mavlink.link.byte_link import READ_AT_MOST_BYTES
 from flightstack.mavlink.link.memory_link import memory_pair
 from flightstack.mavlink.link.serial_link import SerialLink
-from flightstack.mavlink.link.stream_link import WRITE_BACKLOG_BYTES
 from flightstack.mavlink.link.tcp_link import TcpServerLink
 from flightstack.mavlink.link.udp_link import UdpInLink
 
@@ -389,8 +388,3 @@ def test_a_serial_port_in_use_is_named():
 def test_a_directory_is_no_serial_port(tmp_path: pathlib.Path):
     with pytest.raises(LinkError, match="serial port"):
         open_link(f"{tmp_path},57600")
-
-
-def test_the_backlog_of_a_write_is_small_enough_to_be_recent():
-    """57600 baud carry 5.8 kB a second: what waits here is at most some seconds old, and it is bounded."""
-    assert WRITE_BACKLOG_BYTES <= 1 << 16
