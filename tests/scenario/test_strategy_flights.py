@@ -21,9 +21,7 @@ def begun(name: str) -> Scenario:
     survey = load(EXAMPLES / f"{name}.yaml")
     drafted = draft(survey, in_process(survey))
     flight = Scenario(drafted.drones, drafted.fleet)
-    flight.run(2.0)
-    flight.run_until(lambda: all(m.agent.session.report.connected for m in flight.members.values()), 30.0)
-    flight.run(28.0)  # their instruments and position estimates are ready
+    flight.run(30.0)  # autopilots are heard; instruments and position estimates are ready
     flight.command(CommandName.START)
     assert flight.run_until(lambda: flight.first_takeoff_s is not None, 60.0)
     return flight
