@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from mission.strategies import registry
@@ -22,7 +22,12 @@ from simvehicle.trials.cell import Cell
 from simvehicle.trials.outcome import kernel_setup, record_trial, run_cell
 from simvehicle.trials.plume import SOURCE_X, SOURCE_Y, WAVES, reading
 from simvehicle.trials.ticks.arrays import new_robots
-from simvehicle.trials.ticks.neighbours import empty_cells, fill_cells, lowest_bit, new_cells, show_neighbours
+from simvehicle.trials.ticks.neighbours import (
+    find_neighbours,
+    lowest_bit,
+    new_neighbourhood,
+    show_neighbours,
+)
 from simvehicle.trials.ticks.stepping import move
 from simvehicle.trials.trace import Tracks
 from simvehicle.trials.trials_error import TrialsError
@@ -286,25 +291,27 @@ def _neighbours(
     north_m: FloatArray, east_m: FloatArray, alive: FloatArray, range_m: float, found: FloatArray, again: bool
 ) -> int:
     robots = new_robots(north_m.shape[0], 0, 1)
-    cells = new_cells(north_m.shape[0])
+    around = new_neighbourhood(north_m.shape[0])
     for i in range(north_m.shape[0]):
         robots.north_m[i], robots.east_m[i], robots.alive[i] = north_m[i], east_m[i], alive[i]
         robots.heard[i, 0] = i
-    fill_cells(cells, robots, range_m)
     if again:
-        empty_cells(cells)
         for i in range(north_m.shape[0]):
-            robots.north_m[i], robots.east_m[i] = east_m[i], north_m[i]
-        fill_cells(cells, robots, range_m)
+            robots.north_m[i], robots.east_m[i] = east_m[i], 2.0 * north_m[i]
+        find_neighbours(around, robots, range_m)
+        for i in range(north_m.shape[0]):
+            robots.north_m[i], robots.east_m[i] = north_m[i], east_m[i]
+    find_neighbours(around, robots, range_m)
     for i in range(north_m.shape[0]):
-        count = show_neighbours(cells, robots, i, range_m)
+        count = show_neighbours(around, robots, i, range_m)
         for k in range(count):
             found[i, k] = robots.rows[k, WORD]
-    empty_cells(cells)
     left = 0
-    for cell_ in range(cells.filled.shape[0]):
-        if cells.filled[cell_] != 0:
-            left += 1
+    for i in range(north_m.shape[0]):
+        robots.alive[i] = 0
+    find_neighbours(around, robots, range_m)
+    for i in range(north_m.shape[0]):
+        left += show_neighbours(around, robots, i, range_m)
     return left
 
 
@@ -312,7 +319,9 @@ def _neighbours(
 @given(
     st.integers(0, 2**32 - 1), st.integers(1, 150), st.floats(0.5, 30.0), st.floats(0.1, 300.0), st.booleans()
 )
-def test_cells_show_who_all_pairs_show(
+@example(seed=1, count=64, range_m=5.0, half_m=20.0, again=True)
+@example(seed=1, count=65, range_m=5.0, half_m=20.0, again=True)
+def test_the_search_shows_who_is_within_range(
     seed: int, count: int, range_m: float, half_m: float, again: bool
 ) -> None:
     rng = np.random.default_rng(seed)
