@@ -11,12 +11,17 @@ import numpy as np
 from mission.geometry.formation import FloatArray, IntArray
 from mission.strategies.tick_rule import OwnSenses, Rule, TickRule
 from simvehicle.compiled import called_by_leaves, compiled, leaf
-from simvehicle.trials.engine import SURVIVORS, prepare_world
-from simvehicle.trials.flight import NOW, ORIGIN_X, ORIGIN_Y, Scene
+from simvehicle.trials.flight import NOW, ORIGIN_X, ORIGIN_Y, SURVIVORS, Scene
 from simvehicle.trials.motion import TICKS_PER_S
 from simvehicle.trials.randomness import uniform_at
+from simvehicle.trials.start import prepare_world
 from simvehicle.trials.ticks.arrays import Robots, new_robots
-from simvehicle.trials.ticks.neighbours import Neighbourhood, find_neighbours, new_neighbourhood, show_neighbours
+from simvehicle.trials.ticks.neighbours import (
+    Neighbourhood,
+    find_neighbours,
+    new_neighbourhood,
+    show_neighbours,
+)
 from simvehicle.trials.ticks.sampling import sample_wind
 from simvehicle.trials.ticks.stepping import (
     ACCELERATION_MPS2,

@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mission.geometry.formation import IntArray
 from mission.strategies.tick_rule import EAST, EAST_MPS, NORTH, NORTH_MPS, WORD
 from simvehicle.compiled import kernel, leaf
 from simvehicle.trials.ticks.arrays import BitArray, Robots

@@ -118,7 +118,9 @@ def test_an_agent_decides_what_the_trial_decided(monkeypatch: pytest.MonkeyPatch
     words = [b""] * ROBOTS
     shown, smelled = set(), 0
     for tick in range(TICKS - 1):
-        gas = [_read(scene.plume, scene.grid, *(place - SOURCE), tick / TICKS_PER_S) for place in places_m[tick]]
+        gas = [
+            _read(scene.plume, scene.grid, *(place - SOURCE), tick / TICKS_PER_S) for place in places_m[tick]
+        ]
         positions = [(north_m, east_m, HEIGHT_M) for north_m, east_m in places_m[tick].tolist()]
         velocities = [(north_mps, east_mps, 0.0) for north_mps, east_mps in velocities_mps[tick].tolist()]
         heard = list(words)
