@@ -1,7 +1,7 @@
 """Who is near whom. Sets of robots are bits: robot 64 w + b is bit b of word w, so sets join without a branch.
 
 A swarm of one word (64 robots) is tested all against all: the processor tests several at once, so that it is the
-quickest. A larger one is sorted into square cells as wide as the range: a robot's neighbours are in its own cell
+quickest. A larger one is sorted into square cells just wider than the range: a robot's neighbours are in its own cell
 and the eight around it. The plane is folded onto a table of cells, like a torus, so that it has no edge: robots far
 away that fall into the same cell are told by their distance. Either way the neighbours come out in the order of
 their numbers.
@@ -23,6 +23,8 @@ _NONE = np.uint64(0)
 _BITS = 64
 _PLACE_OF = np.uint64(63)
 _WORD_OF = np.uint64(6)
+_CELLS_PER_RANGE = 1.0 - 1e-6
+"""A little less than one, for two that are the range apart must not be rounded into cells that do not touch."""
 # The place of the only bit that is set in a number: multiplied by this, each shows another pattern of 6 bits.
 _DE_BRUIJN = 0x03F79D71B4CB0A89
 _PATTERN = np.uint64(_DE_BRUIJN)
@@ -85,7 +87,7 @@ def _test_pairs(around: Neighbourhood, robots: Robots, range_m: float) -> None:
 
 @leaf
 def _fill_cells(around: Neighbourhood, robots: Robots, range_m: float) -> None:
-    per_m = 1.0 / range_m
+    per_m = _CELLS_PER_RANGE / range_m
     within = around.side - 1
     # Who was in is taken out again, which is quicker than emptying every cell.
     for i in range(around.row.shape[0]):
