@@ -6,7 +6,6 @@ trivial (a random walk about the launch point), so that it is the engine that is
 
 from __future__ import annotations
 
-import statistics
 import time
 
 import msgspec
@@ -26,7 +25,7 @@ _BATCH = 100
 _SIZES = (7, 20, 50, 100, 200, 500, 1000)
 _ROBOTS = 20
 _STEPS = 2e7
-"""Robot-steps of one measurement."""
+"""Robot-steps of one measurement: of 100 trials, each has 10,000 ticks."""
 
 
 class WalkParameters(msgspec.Struct, frozen=True):
@@ -55,12 +54,15 @@ def walk(
 _RULE = TickRule(rule=walk, parameters=WalkParameters, range_m=10.0, state_size=1)
 
 
-def per_s(robots: int, trials: int, repeats: int = 3) -> float:
-    """Robot-steps a second of processor time, the median of `repeats` calls; the swarm is equally dense."""
+def per_s(robots: int, trials: int, repeats: int = 5) -> float:
+    """Robot-steps a second of processor time, the best of `repeats` calls; the swarm is equally dense.
+
+    The best, since whatever else runs on the processor only takes away.
+    """
     cell = Cell(strategy="mobs", drones=robots, arena_m=1000.0, source=(900.0, 0.0))
     setup = kernel_setup(cell)
     home_per_s = WalkParameters().home_per_s * _ROBOTS / robots
-    ticks = max(1, round(_STEPS / robots / trials))
+    ticks = round(_STEPS / robots / trials)
 
     def call(limit: int) -> int:
         results = np.zeros((trials, TICK_RESULTS), np.int64)
@@ -86,11 +88,13 @@ def per_s(robots: int, trials: int, repeats: int = 3) -> float:
         began_s = time.process_time()
         steps = call(ticks)
         rates.append(steps / (time.process_time() - began_s))
-    return statistics.median(rates)
+    return max(rates)
 
 
 def main() -> None:
-    print("20 robots at random some 45 m about the launch point (0.4 neighbours within 10 m each), one core:")
+    batch_ticks = round(_STEPS / _ROBOTS / _BATCH)
+    print("20 robots at random some 40 m about the launch point, one core: 0.5 neighbours within 10 m each;")
+    print(f"1.0 in trials of {batch_ticks} ticks, which begin crowded in a square of 16 m.")
     one, batch = per_s(_ROBOTS, 1), per_s(_ROBOTS, _BATCH)
     print("   robot-steps/s by robots (as dense; one trial): ", end="")
     print(", ".join(f"{size}: {per_s(size, 1, 1):.2g}" for size in _SIZES))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from mission.geometry.formation import FloatArray, IntArray
@@ -11,7 +9,6 @@ from mission.strategies.locus.groups import group_begin, group_count
 from mission.strategies.locus.seats import nearest_first
 from simvehicle.compiled import compiled, kernel
 from simvehicle.trials.flight import (
-    ARENA_M,
     CONTACT,
     CONTACT_DRONE,
     FOUND,
@@ -25,6 +22,7 @@ from simvehicle.trials.flight import (
     ORIGIN_X,
     ORIGIN_Y,
     SUCCESS,
+    SURVIVORS,
     TALLY,
     WAYPOINTS,
     Drones,
@@ -33,28 +31,8 @@ from simvehicle.trials.flight import (
 from simvehicle.trials.locus import Slots, fly_locus
 from simvehicle.trials.mobs import fly_mobs
 from simvehicle.trials.motion import ROW, X, Y
-from simvehicle.trials.plume import WAVE_COUNT, WAVES
-from simvehicle.trials.randomness import (
-    DECISIONS,
-    GENERIC,
-    IN_PLUME,
-    OWN,
-    START,
-    WORLD,
-    geometric_tick,
-    open_stream,
-    survival_limit,
-    uniform,
-)
-
-# Places in the setup's numbers.
-GENERIC_RATE, MOBS_STEP_M, FIXED_SOURCE, GROUP, SETUP_NUMBERS = range(5)
-
-SURVIVORS = TALLY
-"""Column of the results after those of the tally."""
-
-_START_M = 8.0
-"""Drones start at rest, uniform in the square of +-8 m about the launch point (authors)."""
+from simvehicle.trials.randomness import DECISIONS, OWN, open_stream
+from simvehicle.trials.start import GROUP, MOBS_STEP_M, drone_start, prepare_world
 
 
 @kernel
@@ -82,38 +60,15 @@ def new_drones(count: int, limit: int, legs: FloatArray) -> Drones:
 
 
 @kernel
-def prepare_world(scene: Scene, setup: FloatArray, seed: int, trial: int) -> None:
-    """The plume's place (uniform in the arena's square, outside its radius drawn again) and its wind's phases."""
-    stream = np.zeros(1, np.uint64)
-    open_stream(stream, seed, trial, WORLD)
-    arena_m = scene.world[ARENA_M]
-    if setup[FIXED_SOURCE] == 0.0:
-        while True:
-            x = arena_m * (2.0 * uniform(stream) - 1.0)
-            y = arena_m * (2.0 * uniform(stream) - 1.0)
-            if math.hypot(x, y) <= arena_m:
-                break
-        scene.world[ORIGIN_X] = x
-        scene.world[ORIGIN_Y] = y
-    for wave in range(WAVE_COUNT):
-        scene.plume[WAVES + WAVE_COUNT + wave] = 2.0 * math.pi * uniform(stream)
-
-
-@kernel
 def prepare_drones(drones: Drones, first: int, setup: FloatArray, seed: int, trial: int) -> None:
     """Where drones `first`, `first` + 1, ... start, and when their time runs out."""
-    stream = np.zeros(1, np.uint64)
     for i in range(drones.alive.shape[0]):
-        open_stream(stream, seed, trial, START + first + i)
         for place in range(ROW):
             drones.rows[i, place] = 0.0
         drones.survival[i] = 1.0
-        drones.rows[i, X] = _START_M * (2.0 * uniform(stream) - 1.0)
-        drones.rows[i, Y] = _START_M * (2.0 * uniform(stream) - 1.0)
-        open_stream(stream, seed, trial, GENERIC + first + i)
-        drones.fails[i] = geometric_tick(uniform(stream), setup[GENERIC_RATE])
-        open_stream(stream, seed, trial, IN_PLUME + first + i)
-        drones.limits[i] = survival_limit(uniform(stream))
+        drones.rows[i, X], drones.rows[i, Y], drones.fails[i], drones.limits[i] = drone_start(
+            setup, seed, trial, first + i
+        )
 
 
 @kernel

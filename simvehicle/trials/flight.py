@@ -49,6 +49,9 @@ ORIGIN_X, ORIGIN_Y, SUCCESS_M, IN_PLUME_RATE, IN_PLUME_DRAWS, ARENA_M, WORLD_NUM
     TALLY,
 ) = range(12)
 
+SURVIVORS = TALLY
+"""Column of the results after those of the tally."""
+
 # Places in a recorded leg: drone, first tick, ticks, target, 1 where it is an heir's on its way to another slot,
 # then the motion state at its beginning.
 LEG_DRONE, LEG_START, LEG_TICKS, LEG_X, LEG_Y, LEG_HEIR, LEG_ROW = range(7)

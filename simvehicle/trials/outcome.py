@@ -18,15 +18,7 @@ from mission.strategies.registry import find
 from simvehicle.compiled import engine_identity
 from simvehicle.trials import locus as locus_kernel
 from simvehicle.trials.cell import Cell
-from simvehicle.trials.engine import (
-    FIXED_SOURCE,
-    GENERIC_RATE,
-    GROUP,
-    MOBS_STEP_M,
-    RUNS,
-    SETUP_NUMBERS,
-    SURVIVORS,
-)
+from simvehicle.trials.engine import RUNS
 from simvehicle.trials.flight import (
     ARENA_M,
     CONTACT,
@@ -43,6 +35,7 @@ from simvehicle.trials.flight import (
     ORIGIN_Y,
     SUCCESS,
     SUCCESS_M,
+    SURVIVORS,
     TALLY,
     WAYPOINTS,
     WORLD_NUMBERS,
@@ -50,6 +43,7 @@ from simvehicle.trials.flight import (
 )
 from simvehicle.trials.motion import POWERS, TICKS_PER_S, Cruise, Pd, motion_numbers
 from simvehicle.trials.plume import plume_numbers
+from simvehicle.trials.start import FIXED_SOURCE, GENERIC_RATE, GROUP, MOBS_STEP_M, SETUP_NUMBERS
 from simvehicle.trials.ticks.flying import tick_kernel
 from simvehicle.trials.ticks.swarm import Track, fly_swarm
 

@@ -11,12 +11,17 @@ import numpy as np
 from mission.geometry.formation import FloatArray, IntArray
 from mission.strategies.tick_rule import OwnSenses, Rule, TickRule
 from simvehicle.compiled import called_by_leaves, compiled, leaf
-from simvehicle.trials.engine import SURVIVORS, prepare_world
-from simvehicle.trials.flight import NOW, ORIGIN_X, ORIGIN_Y, Scene
+from simvehicle.trials.flight import NOW, ORIGIN_X, ORIGIN_Y, SURVIVORS, Scene
 from simvehicle.trials.motion import TICKS_PER_S
 from simvehicle.trials.randomness import uniform_at
+from simvehicle.trials.start import prepare_world
 from simvehicle.trials.ticks.arrays import Robots, new_robots
-from simvehicle.trials.ticks.neighbours import Cells, empty_cells, fill_cells, new_cells, show_neighbours
+from simvehicle.trials.ticks.neighbours import (
+    Neighbourhood,
+    find_neighbours,
+    new_neighbourhood,
+    show_neighbours,
+)
 from simvehicle.trials.ticks.sampling import sample_wind
 from simvehicle.trials.ticks.stepping import (
     ACCELERATION_MPS2,
@@ -54,7 +59,7 @@ def tick_kernel(rule: Rule) -> Callable[..., None]:
     @leaf
     def decide_all(
         robots: Robots,
-        cells: Cells,
+        around: Neighbourhood,
         ranges_m: FloatArray,
         wind_mps: FloatArray,
         parameters: FloatArray,
@@ -76,7 +81,7 @@ def tick_kernel(rule: Rule) -> Callable[..., None]:
                 1.0 / TICKS_PER_S,
                 uniform_at(robots.draws, i),
             )
-            count = show_neighbours(cells, robots, i, range_m)
+            count = show_neighbours(around, robots, i, range_m)
             north_mps, east_mps = rule(
                 own, robots.rows, count, ranges_m, robots.state[i], robots.said[i], parameters
             )
@@ -98,7 +103,7 @@ def tick_kernel(rule: Rule) -> Callable[..., None]:
         every: int,
     ) -> None:
         robots = new_robots(sizes.robots, sizes.state, sizes.word)
-        cells = new_cells(sizes.robots)
+        around = new_neighbourhood(sizes.robots)
         ranges_m = np.full(sizes.beams, np.inf)
         wind_mps = np.zeros(2)
         range_m = swarm[RANGE_M]
@@ -116,9 +121,8 @@ def tick_kernel(rule: Rule) -> Callable[..., None]:
                             tracks[tick // every, i, 0] = robots.north_m[i]
                             tracks[tick // every, i, 1] = robots.east_m[i]
                 sample_wind(scene, tick, wind_mps)
-                fill_cells(cells, robots, range_m)
-                decide_all(robots, cells, ranges_m, wind_mps, parameters, range_m, tick)
-                empty_cells(cells)
+                find_neighbours(around, robots, range_m)
+                decide_all(robots, around, ranges_m, wind_mps, parameters, range_m, tick)
                 flawed = move(robots, swarm, arena_edge_m(scene))
                 tally[NOW] = tick + 1
                 going = sense(scene, robots, tally)

@@ -8,7 +8,6 @@ import numpy as np
 
 from mission.geometry.formation import FloatArray, IntArray
 from simvehicle.compiled import kernel, leaf
-from simvehicle.trials.engine import new_drones, prepare_drones
 from simvehicle.trials.flight import (
     ARENA_M,
     CONTACT,
@@ -26,9 +25,10 @@ from simvehicle.trials.flight import (
     TALLY,
     Scene,
 )
-from simvehicle.trials.motion import TICKS_PER_S, X, Y
+from simvehicle.trials.motion import TICKS_PER_S
 from simvehicle.trials.plume import SOURCE_X, SOURCE_Y
 from simvehicle.trials.randomness import OWN, open_stream
+from simvehicle.trials.start import drone_start
 from simvehicle.trials.ticks.arrays import Robots
 from simvehicle.trials.ticks.sampling import gas_at
 
@@ -39,19 +39,15 @@ RANGE_M, SPEED_MPS, ACCELERATION_MPS2, TICK_NUMBERS = range(4)
 @kernel
 def prepare_robots(scene: Scene, robots: Robots, setup: FloatArray, seed: int, trial: int) -> None:
     """The start of a trial: everybody where, and as long-lived as, trial `trial` has it for every strategy."""
-    count = robots.alive.shape[0]
-    drones = new_drones(count, 0, np.zeros((0, 0)))
-    prepare_drones(drones, 0, setup, seed, trial)
     stream = np.zeros(1, np.uint64)
-    for i in range(count):
-        robots.north_m[i] = drones.rows[i, X]
-        robots.east_m[i] = drones.rows[i, Y]
+    for i in range(robots.alive.shape[0]):
+        robots.north_m[i], robots.east_m[i], robots.fails[i], robots.limits[i] = drone_start(
+            setup, seed, trial, i
+        )
         robots.north_mps[i] = 0.0
         robots.east_mps[i] = 0.0
         robots.gas[i] = gas_at(scene, robots.north_m[i], robots.east_m[i], 0)
         robots.alive[i] = 1
-        robots.fails[i] = drones.fails[i]
-        robots.limits[i] = drones.limits[i]
         robots.survival[i] = 1.0
         open_stream(stream, seed, trial, OWN + i)
         robots.draws[i] = stream[0]

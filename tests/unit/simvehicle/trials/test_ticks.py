@@ -1,4 +1,4 @@
-"""Tick mode: against a plain step-by-step swarm, neighbours against all pairs, rows however they are split."""
+"""Tick mode: against a plain step-by-step swarm, rows however they are split."""
 
 from __future__ import annotations
 
@@ -22,7 +22,6 @@ from simvehicle.trials.cell import Cell
 from simvehicle.trials.outcome import kernel_setup, record_trial, run_cell
 from simvehicle.trials.plume import SOURCE_X, SOURCE_Y, WAVES, reading
 from simvehicle.trials.ticks.arrays import new_robots
-from simvehicle.trials.ticks.neighbours import empty_cells, fill_cells, lowest_bit, new_cells, show_neighbours
 from simvehicle.trials.ticks.stepping import move
 from simvehicle.trials.trace import Tracks
 from simvehicle.trials.trials_error import TrialsError
@@ -279,64 +278,6 @@ def test_rows_are_the_same_however_the_trials_are_split() -> None:
     parts = pd.concat([run_cell(one, 5, first, count) for first, count in ((0, 1), (1, 4), (5, 2))])
     pd.testing.assert_frame_equal(whole, parts.reset_index(drop=True))
     assert whole.success.nunique() + whole.end_s.nunique() > 2  # they are not all alike
-
-
-@compiled
-def _neighbours(
-    north_m: FloatArray, east_m: FloatArray, alive: FloatArray, range_m: float, found: FloatArray, again: bool
-) -> int:
-    robots = new_robots(north_m.shape[0], 0, 1)
-    cells = new_cells(north_m.shape[0])
-    for i in range(north_m.shape[0]):
-        robots.north_m[i], robots.east_m[i], robots.alive[i] = north_m[i], east_m[i], alive[i]
-        robots.heard[i, 0] = i
-    fill_cells(cells, robots, range_m)
-    if again:
-        empty_cells(cells)
-        for i in range(north_m.shape[0]):
-            robots.north_m[i], robots.east_m[i] = east_m[i], north_m[i]
-        fill_cells(cells, robots, range_m)
-    for i in range(north_m.shape[0]):
-        count = show_neighbours(cells, robots, i, range_m)
-        for k in range(count):
-            found[i, k] = robots.rows[k, WORD]
-    empty_cells(cells)
-    left = 0
-    for cell_ in range(cells.filled.shape[0]):
-        if cells.filled[cell_] != 0:
-            left += 1
-    return left
-
-
-@settings(max_examples=60, deadline=None)
-@given(
-    st.integers(0, 2**32 - 1), st.integers(1, 150), st.floats(0.5, 30.0), st.floats(0.1, 300.0), st.booleans()
-)
-def test_cells_show_who_all_pairs_show(
-    seed: int, count: int, range_m: float, half_m: float, again: bool
-) -> None:
-    rng = np.random.default_rng(seed)
-    # Many stand exactly on the edges of cells.
-    places = np.round(rng.uniform(-half_m, half_m, (count, 2)) / range_m, 1) * range_m
-    alive = rng.integers(0, 4, count).clip(0, 1)
-    found = np.full((count, count), -1.0)
-    assert _neighbours(places[:, 0].copy(), places[:, 1].copy(), alive, range_m, found, again) == 0
-    away = places[None, :, :] - places[:, None, :]
-    near = (away[:, :, 0] ** 2 + away[:, :, 1] ** 2 <= range_m * range_m) & (alive == 1)[None, :]
-    for i in range(count):
-        near[i, i] = False
-        assert [j for j in found[i] if j >= 0] == list(np.flatnonzero(near[i])), i
-
-
-@compiled
-def _lowest(bits: np.uint64) -> int:
-    return lowest_bit(bits)
-
-
-@given(st.integers(1, 2**64 - 1))
-@settings(deadline=None)
-def test_the_lowest_bit_is_found(bits: int) -> None:
-    assert _lowest(np.uint64(bits)) == (bits & -bits).bit_length() - 1
 
 
 @compiled
