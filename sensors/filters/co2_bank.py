@@ -40,7 +40,9 @@ class TwoModes:
         self._kf.inv = _inverse_of_diagonal
         self._model = model
         self.plume_chance = 0.5
+        self._apart: _Between | None = None
         self._mixture: tuple[list[float], list[list[float]]] | None = None
+        """What `_between` and `_numbers` found, until the filters or the chance change."""
 
     def begin(self, x: Array, p: Array, plume_chance: float) -> None:
         """Both filters at `x` (4) with covariance `p` (4 x 4)."""
@@ -51,7 +53,7 @@ class TwoModes:
 
     def restore(self, snapshot: Snapshot) -> None:
         self._kf.x, self._kf.P, self.plume_chance = snapshot
-        self._mixture = None
+        self._apart = self._mixture = None
 
     @property
     def x(self) -> list[float]:
@@ -80,6 +82,7 @@ class TwoModes:
         self._set(*_mixed(between, calm_from_plume), *_mixed(between, plume_from_plume), becomes_plume)
         ahead = self._model.ahead(dt_s)
         self._kf.predict(F=ahead.transition, Q=ahead.noise + plume_rate_variance * ahead.plume_rate_noise)
+        self._apart = self._mixture = None
 
     def innovation(self, z: float, variance: float, state: int) -> tuple[float, float]:
         """Distance of a measurement of one state from the mixture's mean, and squared in the likelier
@@ -112,7 +115,7 @@ class TwoModes:
         if judge:
             chance = plume_share / (calm_share + plume_share)
             self.plume_chance = min(max(chance, _LEAST_CHANCE), 1.0 - _LEAST_CHANCE)
-        self._mixture = None
+        self._apart = self._mixture = None
         return most + math.log(calm_share + plume_share)
 
     def widen(self, variances: Array) -> None:
@@ -125,13 +128,15 @@ class TwoModes:
         p[CALM, CALM], p[PLUME, PLUME] = calm_p, plume_p
         self._kf.x, self._kf.P = np.concatenate((calm_x, plume_x)), p
         self.plume_chance = plume_chance
-        self._mixture = None
+        self._apart = self._mixture = None
 
     def _between(self) -> _Between:
-        x, p = self._kf.x, self._kf.P
-        calm_x, calm_p = x[CALM], p[CALM, CALM]
-        apart = x[PLUME] - calm_x
-        return calm_x, calm_p, apart, apart[:, None] * apart, p[PLUME, PLUME] - calm_p
+        if self._apart is None:
+            x, p = self._kf.x, self._kf.P
+            calm_x, calm_p = x[CALM], p[CALM, CALM]
+            apart = x[PLUME] - calm_x
+            self._apart = calm_x, calm_p, apart, apart[:, None] * apart, p[PLUME, PLUME] - calm_p
+        return self._apart
 
     def _numbers(self) -> tuple[list[float], list[list[float]]]:
         """The mixture in plain numbers, which are read one by one, and often."""
