@@ -134,20 +134,21 @@ class TwoModes:
 
         A mixture is linear in what it is made of, so that one product of matrices makes mean and covariance of all.
         """
-        weights = np.array([(1.0, chance, chance * (1.0 - chance)) for chance in chances])
+        weights = np.array([(1.0 - chance, chance, chance * (1.0 - chance)) for chance in chances])
         mixed: Array = weights @ self._parts()
         return mixed.reshape(-1, *_MIXTURE)
 
     def _parts(self) -> Array:
-        """Calm air's mean and covariance, how much more the plume's are, and the product of the means' distance with
-        itself, which widens the covariance: three rows."""
+        """Three rows: mean and covariance of calm air, of the plume, and the product of the means' distance with
+        itself, which widens the covariance."""
         if self._kept_parts is None:
             x, p = self._kf.x, self._kf.P
             parts = np.zeros((3, *_MIXTURE))
-            calm, more, between = parts
+            calm, plume, between = parts
             calm[0], calm[1:] = x[CALM], p[CALM, CALM]
-            more[0], more[1:] = x[PLUME] - x[CALM], p[PLUME, PLUME] - p[CALM, CALM]
-            between[1:] = more[0][:, None] * more[0]
+            plume[0], plume[1:] = x[PLUME], p[PLUME, PLUME]
+            apart = plume[0] - calm[0]
+            between[1:] = apart[:, None] * apart
             self._kept_parts = parts.reshape(3, -1)
         return self._kept_parts
 
