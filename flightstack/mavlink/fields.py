@@ -32,7 +32,9 @@ class MessageLayout:
         """Whether it has numbers only."""
         self._numbers_of = operator.attrgetter(*names)
         made = collections.namedtuple(self.name.lower(), names)  # type: ignore[misc]  # the dialect's names
-        self._make: Callable[[Iterable[Any]], Any] = made._make
+        # Of which kind it is, the way pymavlink's own messages tell it: who handles messages takes either.
+        typed: Any = type(made.__name__, (made,), {"__slots__": (), "get_type": lambda _: self.name})
+        self._make: Callable[[Iterable[Any]], Any] = typed._make
 
     def unpack(self, payload: bytes) -> Any:
         """The fields by name: numbers, texts without what follows their zero, and tuples.

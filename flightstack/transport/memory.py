@@ -221,8 +221,9 @@ class MemoryRadio:
     def send(self, sender: str, topic: Topic, payload: bytes) -> None:
         """Put a message on the air; `MemoryTransport.publish` calls this."""
         message = Received(topic, sender, bytes(payload))
+        undisturbed = self._undisturbed
         for receiver in self._nodes:
-            if receiver == sender or not self._connected(sender, receiver):
+            if receiver == sender or not (undisturbed or self._connected(sender, receiver)):
                 continue
             pair = (sender, receiver)
             link = self._links.get(pair)
@@ -237,14 +238,20 @@ class MemoryRadio:
         if now_s < self.now_s:
             raise ValueError(f"time goes back from {self.now_s} s to {now_s} s")
         self.now_s = now_s
-        while self._in_flight and self._in_flight[0][0] <= now_s:
-            _, _, receiver, message = heapq.heappop(self._in_flight)
-            if receiver in self._nodes and self._connected(message.sender, receiver):
-                self._nodes[receiver].deliver(message)
+        in_flight, nodes, undisturbed = self._in_flight, self._nodes, self._undisturbed
+        while in_flight and in_flight[0][0] <= now_s:
+            _, _, receiver, message = heapq.heappop(in_flight)
+            if receiver in nodes and (undisturbed or self._connected(message.sender, receiver)):
+                nodes[receiver].deliver(message)
 
     def audible(self, node: str) -> set[str]:
         """The nodes that `node` could hear now."""
         return {other for other in self._nodes if other != node and self._connected(other, node)}
+
+    @property
+    def _undisturbed(self) -> bool:
+        """Everybody hears everybody, and nobody need be asked about whom."""
+        return not self._off and not self._cuts and self.range_m is None
 
     def _connected(self, sender: str, receiver: str) -> bool:
         if sender in self._off or receiver in self._off:

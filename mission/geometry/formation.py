@@ -80,8 +80,7 @@ class Layout(abc.ABC):
 
     def offset_m(self, slot: int) -> Offset:
         """Place of `slot` from the root's slot, formation not rotated."""
-        north_m, east_m = self.table(slot + 1).offset_m[slot]
-        return float(north_m), float(east_m)
+        return _offset_m(self, slot)
 
     def parent(self, slot: int) -> int | None:
         """The nearest slot of the previous level, the lowest number on ties; None at the root."""
@@ -198,6 +197,12 @@ def rotated(offset_m: Offset, rotation_rad: float) -> Offset:
     north_m, east_m = offset_m
     cos, sin = math.cos(rotation_rad), math.sin(rotation_rad)
     return north_m * cos - east_m * sin, north_m * sin + east_m * cos
+
+
+@functools.lru_cache(maxsize=4096)
+def _offset_m(layout: Layout, slot: int) -> Offset:
+    north_m, east_m = layout.table(slot + 1).offset_m[slot].tolist()
+    return north_m, east_m
 
 
 @functools.lru_cache(maxsize=256)

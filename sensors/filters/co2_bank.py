@@ -24,9 +24,8 @@ _LEAST_CHANCE: Final = 1e-6
 Snapshot = tuple[Array, Array, float]
 """State and covariance of both filters, and the chance of the plume."""
 
-_Between = tuple[Array, Array, Array, Array, Array]
-"""Calm air's mean and covariance; how far the plume's mean is from it, that times itself, and how much more its
-covariance is."""
+_MIXTURE: Final = (1 + STATES, STATES)
+"""Shape of a mixture: its mean is the first row, its covariance are the rows below."""
 
 
 class TwoModes:
@@ -40,7 +39,9 @@ class TwoModes:
         self._kf.inv = _inverse_of_diagonal
         self._model = model
         self.plume_chance = 0.5
-        self._mixture: tuple[list[float], list[list[float]]] | None = None
+        self._kept_parts: Array | None = None
+        self._mixture: list[list[float]] | None = None
+        """What `_parts` and `_numbers` found, until the filters or the chance change."""
 
     def begin(self, x: Array, p: Array, plume_chance: float) -> None:
         """Both filters at `x` (4) with covariance `p` (4 x 4)."""
@@ -51,7 +52,7 @@ class TwoModes:
 
     def restore(self, snapshot: Snapshot) -> None:
         self._kf.x, self._kf.P, self.plume_chance = snapshot
-        self._mixture = None
+        self._kept_parts = self._mixture = None
 
     @property
     def x(self) -> list[float]:
@@ -61,7 +62,7 @@ class TwoModes:
     @property
     def p(self) -> list[list[float]]:
         """The mixture's covariance, by rows."""
-        return self._numbers()[1]
+        return self._numbers()[1:]
 
     def predict(self, dt_s: float, plume_rate_variance: float) -> None:
         """Both filters ahead by `dt_s`, each beginning from the mixture of where the other may have been.
@@ -76,8 +77,8 @@ class TwoModes:
         # Chance that a filter's mode now came from the plume's mode before.
         plume_from_plume = was_plume * (1.0 - leave_plume) / becomes_plume
         calm_from_plume = was_plume * leave_plume / (1.0 - becomes_plume)
-        between = self._between()
-        self._set(*_mixed(between, calm_from_plume), *_mixed(between, plume_from_plume), becomes_plume)
+        calm, plume = self._mixed(calm_from_plume, plume_from_plume)
+        self._set(calm[0], calm[1:], plume[0], plume[1:], becomes_plume)
         ahead = self._model.ahead(dt_s)
         self._kf.predict(F=ahead.transition, Q=ahead.noise + plume_rate_variance * ahead.plume_rate_noise)
 
@@ -112,39 +113,50 @@ class TwoModes:
         if judge:
             chance = plume_share / (calm_share + plume_share)
             self.plume_chance = min(max(chance, _LEAST_CHANCE), 1.0 - _LEAST_CHANCE)
-        self._mixture = None
+        self._kept_parts = self._mixture = None
         return most + math.log(calm_share + plume_share)
 
     def widen(self, variances: Array) -> None:
         """Add to the variances of the plume's filter, and hold the plume for certain."""
-        x, p = _mixed(self._between(), self.plume_chance)
-        self._set(self._kf.x[CALM], self._kf.P[CALM, CALM], x, p + np.diag(variances), 1.0 - _LEAST_CHANCE)
+        (plume,) = self._mixed(self.plume_chance)
+        x, p = self._kf.x, self._kf.P
+        self._set(x[CALM], p[CALM, CALM], plume[0], plume[1:] + np.diag(variances), 1.0 - _LEAST_CHANCE)
 
     def _set(self, calm_x: Array, calm_p: Array, plume_x: Array, plume_p: Array, plume_chance: float) -> None:
         p = np.zeros((2 * STATES, 2 * STATES))
         p[CALM, CALM], p[PLUME, PLUME] = calm_p, plume_p
         self._kf.x, self._kf.P = np.concatenate((calm_x, plume_x)), p
         self.plume_chance = plume_chance
-        self._mixture = None
+        self._kept_parts = self._mixture = None
 
-    def _between(self) -> _Between:
-        x, p = self._kf.x, self._kf.P
-        calm_x, calm_p = x[CALM], p[CALM, CALM]
-        apart = x[PLUME] - calm_x
-        return calm_x, calm_p, apart, apart[:, None] * apart, p[PLUME, PLUME] - calm_p
+    def _mixed(self, *chances: float) -> Array:
+        """Both filters' Gaussians as one, for each of these chances of the plume's (see `_MIXTURE`).
 
-    def _numbers(self) -> tuple[list[float], list[list[float]]]:
+        A mixture is linear in what it is made of, so that one product of matrices makes mean and covariance of all.
+        """
+        weights = np.array([(1.0 - chance, chance, chance * (1.0 - chance)) for chance in chances])
+        mixed: Array = weights @ self._parts()
+        return mixed.reshape(-1, *_MIXTURE)
+
+    def _parts(self) -> Array:
+        """Three rows: mean and covariance of calm air, of the plume, and the product of the means' distance with
+        itself, which widens the covariance."""
+        if self._kept_parts is None:
+            x, p = self._kf.x, self._kf.P
+            parts = np.zeros((3, *_MIXTURE))
+            calm, plume, between = parts
+            calm[0], calm[1:] = x[CALM], p[CALM, CALM]
+            plume[0], plume[1:] = x[PLUME], p[PLUME, PLUME]
+            apart = plume[0] - calm[0]
+            between[1:] = apart[:, None] * apart
+            self._kept_parts = parts.reshape(3, -1)
+        return self._kept_parts
+
+    def _numbers(self) -> list[list[float]]:
         """The mixture in plain numbers, which are read one by one, and often."""
         if self._mixture is None:
-            x, p = _mixed(self._between(), self.plume_chance)
-            self._mixture = (x.tolist(), p.tolist())
+            self._mixture = self._mixed(self.plume_chance)[0].tolist()
         return self._mixture
-
-
-def _mixed(between: _Between, chance: float) -> tuple[Array, Array]:
-    """Mean and covariance of both filters' Gaussians, where the plume's has this chance."""
-    calm_x, calm_p, apart, outer, wider = between
-    return calm_x + chance * apart, calm_p + chance * (wider + (1.0 - chance) * outer)
 
 
 def _measures(state: int) -> Array:

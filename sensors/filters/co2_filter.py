@@ -24,7 +24,7 @@ from sensors.filters.co2_model import (
     READING,
     STATES,
     Co2FilterConfig,
-    Co2Model,
+    shared_model,
 )
 from sensors.filters.health import Health
 from sensors.instruments.samples import InstrumentState, Quantity, Sample
@@ -71,7 +71,7 @@ class Co2Filter:
 
     def __init__(self, config: Co2FilterConfig | None = None) -> None:
         self.config = config or Co2FilterConfig()
-        self._model = Co2Model(self.config)
+        self._model = shared_model(self.config)
         self._bank = TwoModes(self._model)
         self._now_s: float | None = None
         self._time_s: float | None = None

@@ -12,6 +12,7 @@ to discrete time is van Loan's (IEEE Trans. AC-23(3), 1978).
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import Any, Final, NamedTuple
 
@@ -181,6 +182,12 @@ class Co2Model:
             excess_noise=float(rate_noise[EXCESS, EXCESS]),
             background_noise=float(background_noise[BACKGROUND, BACKGROUND]),
         )
+
+
+@functools.lru_cache(maxsize=16)
+def shared_model(config: Co2FilterConfig) -> Co2Model:
+    """One model for all filters of these settings: exponentials of matrices are the dearest part of a start."""
+    return Co2Model(config)
 
 
 def _both(calm: Array, plume: Array) -> Array:

@@ -35,6 +35,8 @@ _STATES: Final = 6
 _IDENTITY: Final = np.eye(3)
 _H_NED: Final = np.hstack((_IDENTITY, _IDENTITY))
 _H_HORIZONTAL: Final = _H_NED[:2]
+_UPPER: Final = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+"""Upper triangle of a symmetric 3 x 3 matrix."""
 _REFUSALS_MOST: Final = 3
 _TILT_MEMORY: Final = 60.0
 """Windows over which the tilt's lasting errors stay the same, at the least."""
@@ -65,9 +67,11 @@ class WindFilter:
 
         self.config = config or WindFilterConfig()
         self._kf = KalmanFilter(dim_x=_STATES, dim_z=3)
-        self._time_s: float | None = None
+        self._now_s: float | None = None
+        self._time_s = 0.0
+        """Time of the filter's state: of the newest measurement in it."""
         self._shares = np.array((1.0, 1.0, self.config.vertical_share**2))
-        self._noises: dict[int, tuple[Array, Array]] = {}
+        self._steps: dict[int, tuple[Array, Array]] = {}
         self._heard_s: dict[str, float] = {}
         self._refused: collections.Counter[str] = collections.Counter()
         self._trouble: dict[str, str] = {}
@@ -81,7 +85,8 @@ class WindFilter:
         self._kf.x = np.zeros(_STATES)
         mean = np.array((config.mean_sd_mps, config.mean_sd_mps, config.mean_vertical_sd_mps)) ** 2
         self._kf.P = np.diag(np.concatenate((mean, config.gust_sd_mps**2 * self._shares)))
-        self._time_s = None
+        self._now_s = None
+        self._state: tuple[list[float], list[Vector3]] | None = None
         self._heard_s.clear()
         self._refused.clear()
         self._tilt.clear()
@@ -99,9 +104,11 @@ class WindFilter:
 
         Without `motion` an anemometer's readings cannot be used, and the autopilot's still can.
         """
-        if self._time_s is not None and now_s < self._time_s:
+        if self._now_s is not None and now_s < self._now_s:
             self._reset()
-        self._predict(now_s)
+        if self._now_s is None:
+            self._time_s = now_s
+        self._now_s = now_s
         mine = [s for s in samples if _tells_wind(s)]
         if mine:
             self._take(now_s, mine, motion)
@@ -217,30 +224,38 @@ class WindFilter:
     # -- the filter
     # -------------------------------------------------------------------------------------------
 
-    def _predict(self, now_s: float) -> None:
-        if self._time_s is not None and now_s > self._time_s:
-            transition, noise = self._discrete(now_s - self._time_s)
+    def _predict_to(self, time_s: float) -> None:
+        """Only for a measurement: many steps without one are exactly one long step."""
+        if time_s > self._time_s:
+            transition, noise = self._discrete(time_s - self._time_s)
             self._kf.predict(F=transition, Q=noise)
-        self._time_s = now_s
+        self._time_s = time_s
 
     def _discrete(self, dt_s: float) -> tuple[Array, Array]:
         """Exact transition and noise over `dt_s` (to the millisecond), kept for the steps that recur."""
         key = round(dt_s * 1000.0)
-        found = self._noises.get(key)
+        found = self._steps.get(key)
         if found is None:
-            config = self.config
-            if len(self._noises) > 2000:
-                self._noises.clear()
-            decay = math.exp(-key / 1000.0 / config.gust_time_s)
-            walk = config.mean_walk_mps_per_sqrt_min**2 * key / 60_000.0
-            gust = config.gust_sd_mps**2 * (1.0 - decay * decay)
+            if len(self._steps) > 2000:
+                self._steps.clear()
+            decay, walk, gust = self._ahead(key / 1000.0)
             transition = np.diag((1.0, 1.0, 1.0, decay, decay, decay))
             noise = np.diag(np.concatenate((walk * self._shares, gust * self._shares)))
-            found = self._noises[key] = (transition, noise)
+            found = self._steps[key] = (transition, noise)
         return found
+
+    def _ahead(self, dt_s: float) -> Vector3:
+        """What is left of a gust after `dt_s` (a share), and what the mean's and the gust's horizontal variances grow
+        by."""
+        config = self.config
+        decay = math.exp(-dt_s / config.gust_time_s)
+        walk = config.mean_walk_mps_per_sqrt_min**2 * dt_s / 60.0
+        return decay, walk, config.gust_sd_mps**2 * (1.0 - decay * decay)
 
     def _update(self, now_s: float, source: str, z: Array, variance: float, h: Array) -> None:
         """One measurement of a source, unless it is further off than its errors and the filter's allow."""
+        self._predict_to(now_s)
+        self._state = None
         innovation = z - h @ self._kf.x
         most = self.config.gate_sd**2 * len(z)
         nis = float(innovation @ innovation) / variance  # too large, but mostly small enough, and cheap
@@ -267,25 +282,33 @@ class WindFilter:
         self._told = self._judge(now_s, sources)
         if not self._heard_s:
             return None
-        # Mean wind plus gust, in plain numbers: six by six is too few for arrays.
-        mean_north, mean_east, mean_down, north, east, down = self._kf.x.tolist()
+        # Mean wind plus gust, carried on to now, in plain numbers: six by six is too few for arrays.
+        (mean_north, mean_east, mean_down, north, east, down), upper = self._numbers()
+        kept, walk, gust = self._ahead(now_s - self._time_s)
         lasting = self._lasting_variance(sources)
-        p = self._kf.P.tolist()
-        rows = [
-            [p[i][j] + p[i + 3][j + 3] + p[i][j + 3] + p[i + 3][j] + lasting * (i == j) for j in range(3)]
-            for i in range(3)
-        ]
+        nn, ne, nd, ee, ed, dd = [mean + kept * (both + kept * gusts) for mean, both, gusts in upper]
+        nn, ee = nn + walk + gust + lasting, ee + walk + gust + lasting
+        dd += self.config.vertical_share**2 * (walk + gust) + lasting
         health, reason = self._told
         return WindEstimate(
-            wind_ned_mps=(mean_north + north, mean_east + east, mean_down + down),
-            covariance_m2ps2=(tuple(rows[0]), tuple(rows[1]), tuple(rows[2])),
-            variance_m2ps2=0.5 * (rows[0][0] + rows[1][1]),
+            wind_ned_mps=(mean_north + kept * north, mean_east + kept * east, mean_down + kept * down),
+            covariance_m2ps2=((nn, ne, nd), (ne, ee, ed), (nd, ed, dd)),
+            variance_m2ps2=0.5 * (nn + ee),
             mean_wind_ned_mps=(mean_north, mean_east, mean_down),
             age_s=now_s - max(self._heard_s.values()),
             health=health,
             reason=reason,
             sources=sources,
         )
+
+    def _numbers(self) -> tuple[list[float], list[Vector3]]:
+        """The state after the newest measurement, and what its covariance is for the whole wind: upper triangle of
+        the mean's, of mean with gust and gust with mean, of the gust's."""
+        if self._state is None:
+            p = self._kf.P.tolist()
+            upper = [(p[i][j], p[i][j + 3] + p[i + 3][j], p[i + 3][j + 3]) for i, j in _UPPER]
+            self._state = self._kf.x.tolist(), upper
+        return self._state
 
     def _lasting_variance(self, sources: tuple[str, ...]) -> float:
         """What no averaging removes, per axis: calibration of the best source that is heard."""
@@ -315,4 +338,4 @@ def _tells_wind(sample: Sample) -> bool:
 
 
 def _finite(vector: Vector3) -> bool:
-    return all(math.isfinite(v) for v in vector)
+    return math.isfinite(vector[0] + vector[1] + vector[2])

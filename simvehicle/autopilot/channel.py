@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.mavlink.codec import MavlinkCodec
+from flightstack.mavlink.fields import layout
+from flightstack.mavlink.framing import FrameFinder, MavlinkFrame
 
 
 class ChannelPeer(NamedTuple):
@@ -39,25 +41,30 @@ class Channel:
     def __init__(self, link: int, system: int) -> None:
         self.link = link
         self._sender = MavlinkCodec(system, 1)
-        self._codec: Any = mavlink.MAVLink(None)
-        self._codec.robust_parsing = True
+        self._finder = FrameFinder()
         self._out: list[bytes] = []
         self.streams: dict[int, Stream] = {}
         self.next_due_s = float("inf")
         self.peers: set[tuple[int, int]] = set()
         """(system, component) heard on this link: what is addressed to them is forwarded here."""
 
-    def parse(self, data: bytes) -> list[Any]:
-        """The whole messages that `data` completes. Damaged ones are dropped, as on the air."""
-        messages = self._codec.parse_buffer(data) or []
-        return [m for m in messages if m.get_type() != "BAD_DATA" and not m.get_type().startswith("UNKNOWN_")]
+    def parse(self, data: bytes) -> list[tuple[MavlinkFrame, Any]]:
+        """The whole frames that `data` completes, with their fields (`flightstack.mavlink.fields`).
+
+        Damaged ones are dropped, as on the air, and so is what the dialect does not know.
+        """
+        return [
+            (frame, layout(frame.kind).unpack(frame.payload))
+            for frame in self._finder.find(data)
+            if frame.kind in mavlink.mavlink_map
+        ]
 
     def send(self, message: Any) -> None:
         self._out.append(self._sender.encode(message))
 
-    def forward(self, message: Any) -> None:
+    def forward(self, frame: MavlinkFrame) -> None:
         """Pass on another component's message as it came."""
-        self._out.append(bytes(message.get_msgbuf()))
+        self._out.append(frame.data)
 
     def drain(self) -> list[bytes]:
         out, self._out = self._out, []

@@ -34,6 +34,8 @@ class Flight:
         self.failsafe = False
         """Some failsafe has the vehicle: HEARTBEAT says CRITICAL."""
         self.home_m: Vector3 | None = None
+        self.home: Geodetic | None = None
+        """The same on the earth."""
         self.origin_is_set = False
         self.maneuver: Maneuver = Idle()
         self.motion = Motion(idle=True)
@@ -67,10 +69,6 @@ class Flight:
         return isinstance(self.inner_maneuver, TakeOff) or not self.motion.idle
 
     @property
-    def home(self) -> Geodetic | None:
-        return None if self.home_m is None else self.vehicle.estimator.geodetic(self.home_m)
-
-    @property
     def above_home_m(self) -> float:
         return self.nav.above_home_m
 
@@ -86,6 +84,7 @@ class Flight:
 
     def set_home(self, home_m: Vector3) -> None:
         self.home_m = self.nav.home_m = home_m
+        self.home = self.vehicle.estimator.geodetic(home_m)
 
     def set_origin(self) -> None:
         """The first fix: the local frame and home are known from now on."""

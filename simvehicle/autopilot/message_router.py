@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from flightstack.mavlink.framing import MavlinkFrame
 from simvehicle.autopilot.channel import Channel, ChannelPeer, Handler
 
 _FORWARDED_TO_ALL = ("HEARTBEAT", "STATUSTEXT", "NAMED_VALUE_FLOAT")
@@ -24,26 +25,26 @@ class MessageRouter:
         self._others = others
 
     def receive(self, channel: Channel, data: bytes) -> None:
-        for message in channel.parse(data):
-            peer = ChannelPeer(channel.link, message.get_srcSystem(), message.get_srcComponent())
+        for frame, message in channel.parse(data):
+            peer = ChannelPeer(channel.link, frame.system, frame.component)
             if (peer.system, peer.component) == (self._system, 1):
                 continue  # our own words, looped back by a link
             channel.peers.add((peer.system, peer.component))
-            self._route(channel, peer, message)
+            self._route(channel, peer, frame, message)
 
-    def _route(self, channel: Channel, peer: ChannelPeer, message: Any) -> None:
+    def _route(self, channel: Channel, peer: ChannelPeer, frame: MavlinkFrame, message: Any) -> None:
         target = getattr(message, "target_system", 0)
         component = getattr(message, "target_component", 0)
-        own = target == self._system
+        own, name = target == self._system, message.get_type()
         if target == 0 or (own and component in (0, 1)):
-            self._handlers.get(message.get_type(), self._others)(channel, peer, message)
+            self._handlers.get(name, self._others)(channel, peer, message)
         if target != 0 and not (own and component == 1):
             for other in self._channels:
                 if other is not channel and any(
                     system == target and component in (0, each) for system, each in other.peers
                 ):
-                    other.forward(message)
-        elif target == 0 and message.get_type() in _FORWARDED_TO_ALL:
+                    other.forward(frame)
+        elif target == 0 and name in _FORWARDED_TO_ALL:
             for other in self._channels:
                 if other is not channel and other.peers:
-                    other.forward(message)
+                    other.forward(frame)

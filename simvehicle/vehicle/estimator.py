@@ -58,11 +58,14 @@ class Estimator:
         noise = self._noise[self._row]
         error = self._error_m
         if self.gps:
-            self._gps_again(dt_s)
+            if self.gps_lost_s is not None:
+                self._gps_again(dt_s)
             keep = 1.0 - dt_s / _POSITION_TIME_S
             shake = math.sqrt(2.0 * dt_s / _POSITION_TIME_S)
-            for axis in (0, 1, 2):
-                error[axis] = error[axis] * keep + _POSITION_SD_M[axis] * shake * noise[axis]
+            sd_north_m, sd_east_m, sd_down_m = _POSITION_SD_M
+            error[0] = error[0] * keep + sd_north_m * shake * noise[0]
+            error[1] = error[1] * keep + sd_east_m * shake * noise[1]
+            error[2] = error[2] * keep + sd_down_m * shake * noise[2]
         else:
             if self.gps_lost_s is None:
                 self.gps_lost_s = now_s
@@ -83,8 +86,6 @@ class Estimator:
 
     def _gps_again(self, dt_s: float) -> None:
         """With a fix the dead reckoning's error goes away within about a second."""
-        if self.gps_lost_s is None:
-            return
         keep = max(0.0, 1.0 - 2.0 * dt_s)
         for axis in (0, 1):
             self._drift_m[axis] *= keep

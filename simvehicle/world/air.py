@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
 
 from mission.geometry.frames import LocalFrame, Vector3
 from simvehicle.world.atmosphere import air_pressure_pa, air_temperature_c
 from simvehicle.world.fields import OPEN_GROUND, GasField, ObstacleField, RiskField, WindField
 
 
-@dataclasses.dataclass(frozen=True)
-class Air:
+class Air(NamedTuple):
     """The air at an instrument's inlet, and at an anemometer's mast."""
 
     co2_ppm: float = 420.0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import msgspec
 
 from mission.estimation.estimates import Reading
@@ -44,7 +46,13 @@ _PACKED = Packed(LocusNote)
 
 def note_of(order: Order) -> LocusNote:
     """The note in `order`; an empty one where there is none, as at the start, or where it says what cannot be."""
-    return _PACKED.unpack(order.note) or LocusNote()
+    return _unpacked(order.note)
+
+
+@functools.lru_cache(maxsize=64)
+def _unpacked(note: bytes) -> LocusNote:
+    """Every tick asks for the same order's."""
+    return _PACKED.unpack(note) or LocusNote()
 
 
 def noted(order: Order, note: LocusNote) -> Order:
