@@ -20,6 +20,7 @@ import pytest
 FLOWN = (
     "simvehicle fly examples/survey.yaml --json",
     "simvehicle fly examples/survey_px4.yaml",
+    "simvehicle fly examples/survey_hybrid.yaml",
     "simvehicle fly examples/survey.yaml --kill 3@60",
     "simvehicle fly examples/survey.yaml --fault co2-unplug:2@90",
 )
