@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import logging
 import pathlib
-import sys
 from typing import Annotated
 
 import typer
 
+from mission.documents.printable import printable
 from mission.documents.yaml_file import DocumentError
 
 app = typer.Typer(
@@ -22,11 +21,10 @@ ConfigOption = Annotated[pathlib.Path, typer.Option("--config", help="The drone'
 def run(config: ConfigOption) -> None:
     """Fly: connect to the autopilot, the instruments and the swarm, and wait for the ground's start."""
     from flightstack.config_file import load
+    from flightstack.process_log import log_to_stderr
     from flightstack.runner import run as run_agent
 
-    logging.basicConfig(
-        stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(levelname)-7s %(name)s: %(message)s"
-    )
+    log_to_stderr()
     raise typer.Exit(run_agent(load(config), file=str(config)))
 
 
@@ -83,7 +81,7 @@ def main() -> None:
     try:
         app(standalone_mode=True)
     except (DocumentError, FlightstackError, LinkError, TransportError, SensorError) as error:
-        typer.echo(f"flightstack: {error}", err=True)
+        typer.echo(printable(f"flightstack: {error}"), err=True)
         raise SystemExit(2) from error
 
 

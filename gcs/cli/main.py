@@ -6,6 +6,7 @@ import typer
 
 from gcs.cli import fence, param, plan, serve, status, survey
 from gcs.errors import GroundError
+from mission.documents.printable import printable
 from mission.documents.yaml_file import DocumentError
 
 app = typer.Typer(
@@ -29,7 +30,7 @@ def main() -> None:
     except (DocumentError, GroundError, FlightstackError, TransportError) as error:
         from gcs.plans.autopilot_client import VehicleError
 
-        typer.echo(f"gcs: {error}", err=True)
+        typer.echo(printable(f"gcs: {error}"), err=True)
         raise SystemExit(1 if isinstance(error, VehicleError) else 2) from error
 
 

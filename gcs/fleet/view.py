@@ -29,6 +29,7 @@ from flightstack.swarm.wire import (
 )
 from gcs.fleet.agents import HeardAgent
 from gcs.fleet.vehicles import Component, Vehicles
+from mission.documents.printable import printable
 from mission.geometry.frames import LocalFrame, Vector3
 
 Health: TypeAlias = Literal["live", "silent", "never"]
@@ -185,7 +186,7 @@ class FleetView:
         if isinstance(message, Refusal):
             shown = self._shown(message)
             if shown is None:
-                self._refused(now_s, received.sender, message)
+                self._refused(now_s, printable(received.sender), message)
                 return None
             message = shown
         match message:

@@ -406,3 +406,33 @@ def test_what_another_component_says_is_not_the_autopilots_word(world, autopilot
     world.beside = lambda: neighbours.text(b"gimbal stuck", component=154)
     world.run(0.5)
     assert statustexts(world) == ["component 154: gimbal stuck"]
+
+
+def test_texts_in_parts_are_told_whole_in_order_and_visible(world, autopilot, neighbours):
+    """Without its last part, in another order, with a hole, with control characters: as the agent tells them."""
+    world.vehicles = [autopilot(1)]
+    world.run(5.0)
+    parts = [
+        (b"A" * 50, 7, 0), (b"tail", 7, 1),
+        (b"B" * 50, 8, 0),
+        (b"C" * 50, 9, 0), (b"", 9, 1),
+        (b"second", 10, 1), (b"D" * 50, 10, 0),
+        (b"E" * 50, 11, 0), (b"third", 11, 2),
+        (b"F \xff", 0, 0),
+        (b"G \x1b[31mred\x1b[0m\nline", 0, 0),
+    ]  # fmt: skip
+    said = b"".join(neighbours.text(*part) for part in parts)
+    world.beside = lambda: said
+    world.run(0.5)
+    world.beside = None
+    world.run(4.0)
+    assert statustexts(world) == [
+        "A" * 50 + "tail",
+        "C" * 50,
+        "D" * 50 + "second",
+        r"F \xff",
+        r"G \x1b[31mred\x1b[0m\nline",
+        "B" * 50 + " [part missing]",
+        "E" * 50 + " [part missing] third",
+    ]
+    assert all(line.isprintable() for _, line in world.log)

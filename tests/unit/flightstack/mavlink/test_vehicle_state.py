@@ -245,4 +245,4 @@ def test_parts_of_a_text_are_put_together_and_one_without_its_end_comes_after_a_
     vehicle.state.flush(1.0)
     assert [told.text for told in vehicle.state.new_texts] == [text]
     vehicle.state.flush(1.3)
-    assert [told.text for told in vehicle.state.new_texts] == [text, text[:50]]
+    assert [told.text for told in vehicle.state.new_texts] == [text, text[:50] + " [part missing]"]
