@@ -32,6 +32,8 @@ class OwnFacts(msgspec.Struct, frozen=True):
     late_ticks: int
     word: bytes
     """What its strategy tells the neighbours' strategies."""
+    storage: str = ""
+    """Why its flight is not recorded."""
 
 
 class Announced(msgspec.Struct, frozen=True):
@@ -125,4 +127,5 @@ class Announcements:
             own.late_ticks,
             vehicle.position_age_s or 0.0,
             own.word,
+            own.storage,
         )

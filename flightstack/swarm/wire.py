@@ -86,6 +86,8 @@ class DroneState(msgspec.Struct, frozen=True, array_like=True, tag="state"):
     """Age of position and velocity when this was sent: a vehicle without GPS drifts away from what it says."""
     word: bytes = b""
     """What its strategy tells the neighbours' strategies, which alone know what it means."""
+    storage: str = ""
+    """Why its flight is not recorded; empty when it is."""
 
 
 class TreeState(msgspec.Struct, frozen=True, array_like=True, tag="tree"):
@@ -131,6 +133,8 @@ class Command(msgspec.Struct, frozen=True, array_like=True, tag="command"):
     target: int
     """A drone's id, or 0 for every member."""
     name: CommandName
+    without_recording: bool = False
+    """A start also for drones whose flight cannot be recorded."""
 
 
 class Result(enum.StrEnum):
