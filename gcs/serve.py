@@ -6,6 +6,7 @@ import contextlib
 import datetime
 import logging
 import pathlib
+import random
 
 from flightstack.mavlink.link import ByteLink, LinkError, open_link
 from flightstack.recording.clock import Clock, make_clock
@@ -79,7 +80,8 @@ def serve(config: GroundConfig, file: pathlib.Path) -> int:
     stop = StopSignals()
     stop.install()
     clock = make_clock(config.speedup, config.clock)
-    station = Station(config, load_fence(config, file), clock.now_s())
+    incarnation = random.SystemRandom().randrange(1, 1 << 31)
+    station = Station(config, load_fence(config, file), clock.now_s(), incarnation=incarnation)
     directory = _directory(config, file)
     with contextlib.ExitStack() as opened:
         links: list[ByteLink] = []

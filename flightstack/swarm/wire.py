@@ -182,6 +182,8 @@ class Traffic(msgspec.Struct, frozen=True, array_like=True, tag="traffic"):
 class GroundBeat(msgspec.Struct, frozen=True, array_like=True, tag="ground"):
     sender: str
     sequence: int
+    system: int = 0
+    """Its MAVLink system id; 0: not told."""
 
 
 class GroundAlarm(msgspec.Struct, frozen=True, array_like=True):

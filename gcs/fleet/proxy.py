@@ -54,7 +54,9 @@ class CommandProxy:
             if vehicle is None or vehicle.age_s(now_s) > HEARTBEAT_LOST_S or self._hears(now_s, fleet, drone):
                 continue
             errand = _Errand(drone, duty, now_s)
-            reason = _reason_against(now_s, vehicle, duty, named=command.target != 0)
+            reason = "it is no member of this swarm: the ground station does not command it"
+            if fleet.is_member(drone):
+                reason = _reason_against(now_s, vehicle, duty, named=command.target != 0)
             if reason:
                 errand.outcome = CommandOutcome(command.identity, drone, Result.REFUSED, reason)
             elif not vehicle.in_mode(duty):
