@@ -7,7 +7,13 @@ from collections import deque
 
 from flightstack.swarm.wire import DroneState, Phase, TreeState
 
-FLYING_PHASES = frozenset(Phase) - {Phase.DISARMED, Phase.ARMING, Phase.LANDED, Phase.PILOT}
+FLYING_PHASES = frozenset(Phase) - {
+    Phase.DISARMED,
+    Phase.ARMING,
+    Phase.LANDED,
+    Phase.CRASHED,
+    Phase.PILOT,
+}
 """The phases in which an agent has its vehicle in the air and is responsible for it."""
 TICK_WINDOW_S = 10.0
 """Late ticks are counted over this long."""
