@@ -70,7 +70,7 @@ def load_fence(config: GroundConfig, file: pathlib.Path) -> Geofence | None:
 def check_plan(plan: Plan, file: str, *, ceiling_m: float = CEILING_M) -> PlanCheck:
     """Look for everything that can be found without a vehicle."""
     errors: list[str] = []
-    warnings: list[str] = []
+    warnings: list[str] = list(plan.warnings)
     fence = _checked_fence(plan, errors)
     origin = plan.home or _first_position(plan) or Geodetic(0.0, 0.0)
     frame = LocalFrame(Geodetic(origin.latitude_deg, origin.longitude_deg, 0.0))
@@ -79,9 +79,9 @@ def check_plan(plan: Plan, file: str, *, ceiling_m: float = CEILING_M) -> PlanCh
         warnings.append("no planned home position: the launch point cannot be checked against the geofence")
     if not plan.items and fence is None and not plan.rally:
         warnings.append("the plan is empty: no items, no geofence, no rally points")
-    if fence is None:
+    if plan.geofence is None:
         warnings.append("no geofence")
-    else:
+    elif fence is not None:
         _check_inside(plan, LocalFence(frame, fence), frame, waypoints, errors)
     _check_altitudes(plan, waypoints, ceiling_m, errors, warnings)
     heights = [w.above_home_m for w in waypoints if w.above_home_m is not None]
