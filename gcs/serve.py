@@ -7,6 +7,7 @@ import datetime
 import logging
 import pathlib
 import random
+import time
 
 from flightstack.mavlink.link import ByteLink, LinkError, open_link
 from flightstack.recording.background_file import make_directory
@@ -24,6 +25,9 @@ from gcs.station_config import GroundConfig
 from mission.documents.yaml_file import fault_of
 
 log = logging.getLogger("gcs")
+
+LINK_PATIENCE_S = 5.0
+"""Real seconds after the start in which a link that does not work yet is nothing to tell."""
 
 LEVELS = {Severity.INFO: logging.INFO, Severity.WARNING: logging.WARNING, Severity.CRITICAL: logging.ERROR}
 
@@ -151,6 +155,7 @@ def _loop(
     period_s = 1.0 / config.tick_hz
     due_s = clock.now_s()
     problems = [""] * len(links)
+    begun_s = time.monotonic()
     while not stop.asked:
         clock.sleep_until(due_s)
         received = transport.receive()
@@ -166,8 +171,9 @@ def _loop(
         for severity, line in outputs.log:
             log.log(LEVELS[severity], "%s", line)
         for index, link in enumerate(links):
-            if link.problem != problems[index]:
+            patient = time.monotonic() < begun_s + LINK_PATIENCE_S
+            if link.problem != problems[index] and not patient:
                 problems[index] = link.problem
-                log.warning("%s: %s", link.describe, link.problem or "works again")
+                log.warning("%s", link.problem or f"{link.describe} works again")
         # Ticks that are past are not made up: after a stall the station goes on with the present.
         due_s = max(due_s + period_s, clock.now_s() - period_s)

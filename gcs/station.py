@@ -27,7 +27,7 @@ from flightstack.swarm.wire import (
     Traffic,
     TrafficVehicle,
 )
-from gcs.fleet.monitor import Monitor, on_the_wire
+from gcs.fleet.monitor import Monitor, ended, on_the_wire
 from gcs.fleet.orphans import OrphanKeeper
 from gcs.fleet.proxy import CommandProxy
 from gcs.fleet.vehicle_texts import VehicleTexts
@@ -218,7 +218,7 @@ class Station:
             self._event(alarm.severity, alarm.drone, alarm.code, alarm.text)
         for alarm in changes.cleared:
             self._timeline.append(TimelineEntry("/alarm", {"change": "cleared", "alarm": alarm}))
-            self._event(Severity.INFO, alarm.drone, alarm.code, f"over: {alarm.text}")
+            self._event(Severity.INFO, alarm.drone, alarm.code, ended(alarm))
 
     def _act(self, now_s: float) -> None:
         for change in self._keeper.step(now_s, self.fleet):

@@ -237,6 +237,7 @@ class Telemetry(VehicleState):
             battery_voltage_v=self.battery_voltage_v,
             wind_ned_mps=wind_ned_mps,
             wind_sd_mps=wind_sd_mps,
+            crash=self.crash,
             failsafe=authority.failsafe,
             failsafe_reason=authority.failsafe_reason if authority.failsafe else "",
             named_values=tuple(self.new_values),

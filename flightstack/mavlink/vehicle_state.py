@@ -14,6 +14,7 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.mavlink.codec import MavlinkMessage
+from flightstack.mavlink.crash import CrashWatch
 from flightstack.mavlink.modes import (
     COPTER_TYPES,
     FLAVOURS,
@@ -32,6 +33,8 @@ FRESH_S: Final = 3.0
 """A value whose stream has been silent for longer is not used to decide anything."""
 REBOOT_S: Final = 5.0
 """The autopilot's clock going back by more than this is a restart, by less a late message."""
+FALLS_FOR_S: Final = 20.0
+"""A vehicle that was disarmed in the air has come down by then."""
 FLYING_ABOVE_HOME_M: Final = 1.0
 """Without a landed state, an armed vehicle above this is taken to fly (until it disarms)."""
 
@@ -156,6 +159,9 @@ class VehicleState:
         self.battery_fraction: float | None = None
         self.battery_voltage_v: float | None = None
         self._was_high = False
+        self._crash = CrashWatch()
+        self._armed_s = -math.inf
+        """When it was last armed."""
 
     # -- messages -------------------------------------------------------------------------------------------
 
@@ -201,7 +207,10 @@ class VehicleState:
         self.autopilot_type = fields.autopilot
         self.vehicle_type = fields.type
         self.flavour = FLAVOURS.get(fields.autopilot, Flavour.UNKNOWN)
-        self.armed = bool(fields.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        armed, self.armed = self.armed, bool(fields.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        if self.armed and not armed:
+            self._crash = CrashWatch()
+        self._armed_s = now_s if self.armed else self._armed_s
         if not self.armed:
             self._was_high = False
         if fields.custom_mode != self.custom_mode:
@@ -222,6 +231,7 @@ class VehicleState:
     def _global_position(self, now_s: float, fields: Any) -> None:
         if self._is_old(fields.time_boot_ms) or (fields.lat == 0 and fields.lon == 0):
             return
+        self._look_for_a_fall(now_s, fields)
         latitude_deg, longitude_deg = fields.lat * 1e-7, fields.lon * 1e-7
         if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0) or not self.estimator_is_good:
             return
@@ -233,10 +243,21 @@ class VehicleState:
         if self.armed:
             self._was_high |= (self.above_home_m or 0.0) > FLYING_ABOVE_HOME_M
 
-    def _attitude(self, _now_s: float, fields: Any) -> None:
+    def _look_for_a_fall(self, now_s: float, fields: Any) -> None:
+        """Also where the estimator vouches for nothing, which an impact upsets, and after a disarming in the air."""
+        if now_s - self._armed_s < FALLS_FOR_S:
+            velocity_ned_mps = (fields.vx * 0.01, fields.vy * 0.01, fields.vz * 0.01)
+            landing = self.in_mode(Duty.LAND) or self.in_mode(Duty.RETURN)
+            self._crash.moved(
+                now_s, velocity_ned_mps, fields.alt * 1e-3, fields.relative_alt * 1e-3, landing=landing
+            )
+
+    def _attitude(self, now_s: float, fields: Any) -> None:
         attitude_rad = (fields.roll, fields.pitch, fields.yaw)
         if all(map(math.isfinite, attitude_rad)):
             self.attitude_rad = attitude_rad
+            if self.armed:
+                self._crash.leaned(now_s, fields.roll, fields.pitch)
 
     def _home_position(self, _now_s: float, fields: Any) -> None:
         if fields.latitude == 0 and fields.longitude == 0:
@@ -274,6 +295,7 @@ class VehicleState:
     def _text(self, _now_s: float, text: StatusText) -> None:
         """One whole text."""
         self.new_texts.append(text)
+        self._crash.told(text.text)
 
     # -- findings -------------------------------------------------------------------------------------------
 
@@ -313,6 +335,11 @@ class VehicleState:
         return self.contested_s is not None and now_s - self.contested_s < HEARTBEAT_LOST_S
 
     @property
+    def crash(self) -> str:
+        """How it crashed since it was armed, "" if it did not."""
+        return self._crash.reason
+
+    @property
     def estimator_is_good(self) -> bool:
         """Does the estimator vouch for an absolute horizontal position, as far as it says anything?"""
         flags = self.estimator_flags
@@ -329,8 +356,9 @@ class VehicleState:
         """Whether it is in the air: as it says itself, else by its height; None: it is armed and nothing tells.
 
         A vehicle that has been high stays in the air until it is disarmed: low over ground that rises is not landed.
+        A wreck does not fly, whatever its autopilot says.
         """
-        if not self.armed:
+        if not self.armed or self.crash:
             return False
         if (
             self.landed_state != mavlink.MAV_LANDED_STATE_UNDEFINED

@@ -12,7 +12,13 @@ from typing import Final, NamedTuple
 
 from flightstack.swarm.wire import DroneState, Phase
 
-FLYING_PHASES: Final = frozenset(Phase) - {Phase.DISARMED, Phase.ARMING, Phase.LANDED, Phase.PILOT}
+FLYING_PHASES: Final = frozenset(Phase) - {
+    Phase.DISARMED,
+    Phase.ARMING,
+    Phase.LANDED,
+    Phase.CRASHED,
+    Phase.PILOT,
+}
 """The phases in which an agent has its vehicle in the air and is responsible for it."""
 
 SPEAKS_S: Final = 0.9

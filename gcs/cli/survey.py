@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from flightstack.swarm.wire import CommandName
-from gcs.cli.options import ConfigOption, ConnectOption, JsonOption, SwarmOption
+from gcs.cli.options import ConfigOption, ConnectOption, JsonOption, SwarmOption, swarm_connection
 from gcs.errors import GroundError
 
 
@@ -29,12 +29,11 @@ def survey(
 ) -> None:
     """Command the swarm and wait for every drone's answer; exit code 0 only if all accepted."""
     from gcs.commands.send import command_swarm
-    from gcs.connection import from_options
     from gcs.fleet.observe import to_json
 
     if without_recording and name is not CommandName.START:
         raise GroundError(f"--without-recording is for start, not for {name}")
-    connection = from_options(config, swarm, connect or ())
+    connection = swarm_connection(config, swarm, connect)
     done = command_swarm(connection, name, drone, deadline_s, without_recording=without_recording)
     if json:
         report = {"command": name, "identity": done.command.identity, "accepted": done.accepted()}

@@ -47,6 +47,35 @@ class Alarm(msgspec.Struct, frozen=True):
     """When it began, on the ground station's clock."""
 
 
+ENDS = {
+    "absent": "its agent is heard",
+    "agent_silent": "its agent is heard again",
+    "vehicle_silent": "its autopilot is heard over MAVLink again",
+    "foreign": "this vehicle, no member of the swarm, flies no more or is out of hearing",
+    "orphan": "its vehicle does not fly without an agent any more",
+    "lost": "it is heard again",
+    "frame": "its origin is ours again",
+    "unflown": "it does not fly without its agent any more",
+    "identity": "one agent alone has its number again",
+    "late_ticks": "its ticks are in time again",
+    "position": "it knows where it is again, or is disarmed",
+    "sensor": "nothing is amiss with its instruments any more",
+    "fence": "it is inside the geofence again, or on the ground",
+    "ceiling": "it is below the ceiling again, or on the ground",
+    "battery": "its battery is above the limit again",
+    "wire": "no more unreadable messages",
+    "crash": "its vehicle was armed or restarted after the crash",
+    "astray": "it goes where it is sent again, or is not steered any more",
+    "no_ack": "the missing answer has come, or is not waited for any more",
+}
+"""What an alarm's end is told as, by its code up to a colon."""
+
+
+def ended(alarm: Alarm) -> str:
+    """The end of an alarm in words: what is the case now, not what was."""
+    return ENDS.get(alarm.code.partition(":")[0], f"not so any more: {alarm.text}")
+
+
 class Condition(NamedTuple):
     """Something that holds in this moment."""
 
@@ -142,6 +171,9 @@ class Monitor:
             if agent.state is not None and fleet.agent_live(drone, now_s):
                 for condition in self._agent(fleet, agent, agent.state, vehicle):
                     yield drone, condition
+            crash = fleet.crash(drone, now_s)
+            if crash:
+                yield drone, Condition("crash", Severity.CRITICAL, f"crashed: {crash}")
             newest = fleet.newest(drone, now_s)
             if newest is not None:
                 for condition in self._flight(now_s, fleet, drone, newest):
@@ -233,6 +265,8 @@ class Monitor:
         if late > self._limits.late_ticks_fraction:
             text = f"{late:.0%} of its ticks are late: its computer is overloaded"
             yield Condition("late_ticks", Severity.WARNING, text, 2.0)
+        if state.astray:
+            yield Condition("astray", Severity.CRITICAL, state.astray)
         if state.armed and state.position_ned_m is None:
             yield Condition("position", Severity.CRITICAL, "armed, but it does not know where it is", 1.0)
         if state.storage:

@@ -144,6 +144,9 @@ class OrphanKeeper:
         if not vehicle.armed:
             self._close(drone, "on the ground, disarmed")
             return None
+        if vehicle.crash:  # a wreck is not sent anywhere: its propellers would turn
+            self._close(drone, "it has crashed: left alone")
+            return None
         if vehicle.in_mode(case.duty):
             if case.step is Step.ASKING:
                 self._say(drone, Severity.WARNING, f"is in {vehicle.mode} by command of the ground station")

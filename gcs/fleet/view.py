@@ -79,6 +79,8 @@ class DroneRow(msgspec.Struct, frozen=True, kw_only=True):
     slot: int | None
     parent: int | None
     healing: bool
+    crash: str
+    """How it crashed, empty if it did not."""
     heals: int
     restarts: int
     late_tick_fraction: float
@@ -142,6 +144,17 @@ class FleetView:
         )
         return min(ages_s)
 
+    def crash(self, drone: int, now_s: float) -> str:
+        """How and where it crashed: as its agent says, else as its autopilot's messages tell; empty if it did not."""
+        agent, vehicle = self.agents.get(drone), self.heard_vehicle(drone, now_s)
+        told = agent.state.crash if agent is not None and agent.state is not None else ""
+        if told or vehicle is None or not vehicle.crash:
+            return told
+        if vehicle.position_ned_m is None or self.frame is None:
+            return f"{vehicle.crash}; it is not known where"
+        place = self.frame.to_geodetic(vehicle.position_ned_m)
+        return f"{vehicle.crash}, at {place.latitude_deg:.6f}, {place.longitude_deg:.6f}"
+
     def agent(self, drone: int) -> HeardAgent:
         agent = self.agents.get(drone)
         if agent is None:
@@ -165,6 +178,7 @@ class FleetView:
                 component.home_ned_m,
                 component.battery_fraction,
                 component.age_s(now_s),
+                component.crash,
             )
         if self.report is None or self.report_s is None:
             return None
@@ -289,7 +303,7 @@ class FleetView:
     def flying(self, drone: int, now_s: float) -> bool:
         """Whether the drone is in the air, as far as anybody last said."""
         newest = self.newest(drone, now_s)
-        return newest is not None and newest.airborne
+        return newest is not None and newest.airborne and not self.crash(drone, now_s)
 
     def rows(self, now_s: float) -> list[DroneRow]:
         """The whole fleet, one row a drone, for displays and programs."""
@@ -335,6 +349,7 @@ class FleetView:
             slot=state.slot if state is not None else None,
             parent=state.parent if state is not None else None,
             healing=state.healing if state is not None else False,
+            crash=self.crash(drone, now_s),
             heals=agent.tree.heals if agent.tree is not None else 0,
             restarts=agent.incarnations.restarts,
             late_tick_fraction=agent.late_fraction(),

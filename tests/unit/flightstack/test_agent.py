@@ -191,12 +191,15 @@ def test_a_pause_holds_the_place(flight: AgentFlight) -> None:
     assert flight.tick(CommandName.RESUME).status.phase is Phase.FORMING
 
 
-@pytest.mark.parametrize(("name", "mode"), [(CommandName.LAND, LAND), (CommandName.RTL, RTL)])
+@pytest.mark.parametrize(
+    ("name", "mode", "phase"),
+    [(CommandName.LAND, LAND, Phase.LANDING), (CommandName.RTL, RTL, Phase.RTL)],
+)
 def test_a_command_that_brings_it_down_gives_the_vehicle_to_the_autopilot(
-    flight: AgentFlight, name: CommandName, mode: int
+    flight: AgentFlight, name: CommandName, mode: int, phase: Phase
 ) -> None:
     flight.to(Phase.SEARCHING)
-    assert flight.tick(name).status.phase is Phase.LANDING
+    assert flight.tick(name).status.phase is phase
     assert flight.setpoints == []
     for _ in range(5):
         flight.tick()
