@@ -7,7 +7,7 @@ for longer: a twin that comes, is refused and goes must leave nothing behind.
 
 from __future__ import annotations
 
-from collections import deque
+import math
 from typing import Final, NamedTuple
 
 from flightstack.swarm.wire import DroneState, Phase
@@ -24,9 +24,7 @@ FLYING_PHASES: Final = frozenset(Phase) - {
 SPEAKS_S: Final = 0.9
 """States come every 0.2 s: an agent that was not heard for so long has lost its word to another."""
 TWINS_S: Final = 5.0
-"""Turns within this time are of two agents that both run."""
-TURNS: Final = 3
-"""So many; fewer are late messages of an agent that has been replaced."""
+"""How long two agents that were heard side by side count as running."""
 _KEPT: Final = 16
 
 
@@ -44,10 +42,10 @@ class Incarnations:
         self.restarts = 0
         """How often a new incarnation took the word."""
         self.clashes = 0
-        """How often one spoke after another had: they run side by side."""
+        """How often one spoke again after another had."""
         self._heard: dict[int, _Heard] = {}
         self._last: int | None = None
-        self._turns_s: deque[float] = deque(maxlen=TURNS)
+        self._side_by_side_s = -math.inf
 
     def hear(self, now_s: float, state: DroneState) -> bool:
         """Take a state; whether it counts. False for one that is late, and for a twin's."""
@@ -61,7 +59,8 @@ class Incarnations:
             del self._heard[next(iter(self._heard))]
         if known is not None and self._last != incarnation:
             self.clashes += 1
-            self._turns_s.append(now_s)
+            if now_s - known.time_s < SPEAKS_S:  # it never stopped: this is no late message of one that was replaced
+                self._side_by_side_s = now_s
         self._last = incarnation
         speaker = self.speaker
         if speaker is not None and speaker.incarnation != incarnation:
@@ -79,7 +78,7 @@ class Incarnations:
 
     def has_twins(self, now_s: float) -> bool:
         """Whether two agents with this number are running now."""
-        return len(self._turns_s) == TURNS and now_s - self._turns_s[0] <= TWINS_S
+        return now_s - self._side_by_side_s <= TWINS_S
 
 
 def _rank(state: DroneState) -> tuple[bool, int, int]:

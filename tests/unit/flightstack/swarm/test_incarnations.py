@@ -87,6 +87,16 @@ def test_late_messages_of_an_agent_that_was_replaced_make_no_twins(agents: Incar
     assert speaker(agents) == 2
 
 
+def test_one_word_of_a_twin_between_two_of_an_agent_is_enough(agents: Incarnations) -> None:
+    """A twin that is refused and started again by its machine, over and over, never says more."""
+    agents.hear(0.0, state(1, 1, ticks=900))
+    agents.hear(0.1, state(2, 1))
+    assert not agents.has_twins(0.1), "a restarted agent begins like that"
+    agents.hear(0.2, state(1, 2, ticks=902))
+    assert agents.has_twins(0.2)
+    assert not agents.has_twins(0.3 + TWINS_S)
+
+
 def test_any_number_of_incarnations_is_survived(agents: Incarnations) -> None:
     for number in range(1000):
         agents.hear(0.01 * number, state(number, 1))
