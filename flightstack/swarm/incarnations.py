@@ -31,6 +31,8 @@ _KEPT: Final = 16
 class _Heard(NamedTuple):
     sequence: int
     time_s: float
+    first_s: float
+    """When it was first heard."""
 
 
 class Incarnations:
@@ -54,12 +56,18 @@ class Incarnations:
         if known is not None and state.sequence <= known.sequence:
             self._heard[incarnation] = known
             return False
-        self._heard[incarnation] = _Heard(state.sequence, now_s)
+        self._heard[incarnation] = _Heard(
+            state.sequence, now_s, known.first_s if known is not None else now_s
+        )
         while len(self._heard) > _KEPT:
             del self._heard[next(iter(self._heard))]
         if known is not None and self._last != incarnation:
             self.clashes += 1
-            if now_s - known.time_s < SPEAKS_S:  # it never stopped: this is no late message of one that was replaced
+            other = self._heard.get(self._last) if self._last is not None else None
+            is_elder = other is not None and known.first_s < other.first_s
+            if (
+                is_elder and now_s - known.time_s < SPEAKS_S
+            ):  # it never stopped: it is no late word of one replaced
                 self._side_by_side_s = now_s
         self._last = incarnation
         speaker = self.speaker
