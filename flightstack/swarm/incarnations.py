@@ -31,8 +31,8 @@ _KEPT: Final = 16
 class _Heard(NamedTuple):
     sequence: int
     time_s: float
-    first_s: float
-    """When it was first heard."""
+    place: int
+    """In the order in which they were first heard."""
 
 
 class Incarnations:
@@ -46,6 +46,7 @@ class Incarnations:
         self.clashes = 0
         """How often one spoke again after another had."""
         self._heard: dict[int, _Heard] = {}
+        self._met = 0
         self._last: int | None = None
         self._side_by_side_s = -math.inf
 
@@ -56,15 +57,15 @@ class Incarnations:
         if known is not None and state.sequence <= known.sequence:
             self._heard[incarnation] = known
             return False
-        self._heard[incarnation] = _Heard(
-            state.sequence, now_s, known.first_s if known is not None else now_s
-        )
+        place = known.place if known is not None else self._met
+        self._met += known is None
+        self._heard[incarnation] = _Heard(state.sequence, now_s, place)
         while len(self._heard) > _KEPT:
             del self._heard[next(iter(self._heard))]
         if known is not None and self._last != incarnation:
             self.clashes += 1
             other = self._heard.get(self._last) if self._last is not None else None
-            is_elder = other is not None and known.first_s < other.first_s
+            is_elder = other is not None and known.place < other.place
             if (
                 is_elder and now_s - known.time_s < SPEAKS_S
             ):  # it never stopped: it is no late word of one replaced
