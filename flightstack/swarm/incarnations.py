@@ -43,8 +43,6 @@ class Incarnations:
         """The newest state that counts."""
         self.restarts = 0
         """How often a new incarnation took the word."""
-        self.clashes = 0
-        """How often one spoke again after another had."""
         self._heard: dict[int, _Heard] = {}
         self._met = 0
         self._last: int | None = None
@@ -63,12 +61,10 @@ class Incarnations:
         while len(self._heard) > _KEPT:
             del self._heard[next(iter(self._heard))]
         if known is not None and self._last != incarnation:
-            self.clashes += 1
             other = self._heard.get(self._last) if self._last is not None else None
             is_elder = other is not None and known.place < other.place
-            if (
-                is_elder and now_s - known.time_s < SPEAKS_S
-            ):  # it never stopped: it is no late word of one replaced
+            # One that never stopped: a late word of an agent that was replaced proves nothing.
+            if is_elder and now_s - known.time_s < SPEAKS_S:
                 self._side_by_side_s = now_s
         self._last = incarnation
         speaker = self.speaker

@@ -277,7 +277,9 @@ def test_an_agent_that_is_no_member_is_foreign_and_then_gone(fleet):
     assert swarm.view.drones(80.0) == [1, 2, 3]
 
 
-@pytest.mark.parametrize("kind", ["ping0", "gimbal3", "copter154", "qgc", "sys0"])
+@pytest.mark.parametrize(
+    "kind", ["ping0", "gimbal3", "copter154", "qgc", "sys0", "gcs1", "generic1", "rover1"]
+)
 def test_what_else_is_on_the_link_raises_no_alarm(fleet, autopilot, neighbours, kind):
     swarm, monitor = fleet((1,)), Monitor(AlarmLimits())
     swarm.flying = {1: autopilot(1)}
@@ -304,6 +306,18 @@ def test_a_twin_that_comes_and_goes_is_an_alarm_while_it_lasts(fleet, state, on_
     assert monitor.alarms == []
     row = swarm.view.rows(30.0)[0]
     assert (row.agent, row.phase, row.restarts) == ("live", "searching", 0)
+
+
+def test_two_autopilots_under_one_system_id(fleet, autopilot):
+    swarm, monitor = fleet((1,)), Monitor(AlarmLimits())
+    swarm.flying = {1: autopilot(1)}
+    other = autopilot(1, px4=True)
+    swarm.beside = other.heartbeat
+    run(monitor, swarm, 0.0, 15.0)
+    assert codes(monitor) == {1: {"identity"}}
+    swarm.beside = None
+    run(monitor, swarm, 15.1, 30.0)
+    assert monitor.alarms == []
 
 
 def test_a_station_that_starts_in_mid_flight_waits_for_the_agents_to_be_found(fleet, autopilot):

@@ -60,9 +60,14 @@ def test_a_restart_is_recognised_and_two_agents_with_one_id_too(frame, state, on
     view.receive_peer(2.0, on_air(state(1, incarnation=7, sequence=1)))
     agent = view.agents[1]
     agents = agent.incarnations
-    assert (agents.restarts, agents.clashes, agent.state.sequence) == (1, 0, 1)
-    view.receive_peer(3.0, on_air(state(1, sequence=501)))
-    assert (agents.restarts, agents.clashes, agent.state.incarnation) == (1, 1, 101), "it is heard now"
+    assert (agents.restarts, agents.has_twins(2.0), agent.state.sequence) == (1, False, 1)
+    view.receive_peer(2.5, on_air(state(1, incarnation=7, sequence=2)))
+    view.receive_peer(2.6, on_air(state(1, sequence=501)))
+    view.receive_peer(2.7, on_air(state(1, incarnation=7, sequence=3)))
+    view.receive_peer(2.8, on_air(state(1, sequence=502)))
+    assert (agents.restarts, agents.has_twins(2.8), agent.state.incarnation) == (1, True, 101), "by its rank"
+    view.receive_peer(5.0, on_air(state(1, incarnation=7, sequence=4)))
+    assert agent.state.incarnation == 7, "whoever is heard now counts"
 
 
 def test_late_ticks_are_a_share_of_the_newest_ticks(frame, state, on_air):
