@@ -16,6 +16,9 @@ from flightstack.mavlink.fields import layout
 from flightstack.mavlink.framing import FrameFinder, MavlinkFrame, pack_frame
 from flightstack.mavlink.sequence import SequenceFilter
 
+SENDERS_AT_MOST = 1024
+"""More than any radio carries: a fault that makes up ids must not fill the memory."""
+
 
 class MavlinkMessage(NamedTuple):
     """One message that counts."""
@@ -88,6 +91,8 @@ class MavlinkCodec:
             return None
         sender = self._senders.get((system, component))
         if sender is None:
+            if len(self._senders) >= SENDERS_AT_MOST:
+                self._forget_one()
             sender = self._senders[system, component] = SequenceFilter(self._events)
         is_news = sender.is_news(now_s, sequence, kind)
         if kind not in self._wanted:
@@ -96,6 +101,10 @@ class MavlinkCodec:
             self.late_frames += 1
             return None
         return MavlinkMessage(kind, system, component, layout(kind).unpack(payload))
+
+    def _forget_one(self) -> None:
+        """The sender that was heard longest ago."""
+        del self._senders[min(self._senders, key=lambda ids: self._senders[ids].heard_s)]
 
     def is_answer_to_us(self, message: MavlinkMessage) -> bool:
         """Whether a COMMAND_ACK is for us. Without the extension fields (MAVLink 1) nobody knows whom it answers."""

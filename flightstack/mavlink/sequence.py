@@ -6,6 +6,7 @@ themselves: each is followed by its own numbers, so that neither makes the other
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Set as AbstractSet
 
@@ -43,6 +44,11 @@ class SequenceFilter:
         self._events = events
         self._counts: list[_Count] = []
         """That continued last first."""
+
+    @property
+    def heard_s(self) -> float:
+        """When its newest frame came; before all times if none has."""
+        return self._counts[0].newest_s if self._counts else -math.inf
 
     def is_news(self, now_s: float, sequence: int, kind: int) -> bool:
         """Whether this frame, with this number, counts."""

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flightstack.mavlink.codec import MavlinkCodec
+from flightstack.mavlink.codec import SENDERS_AT_MOST, MavlinkCodec
 
 WANTED = {mavlink.MAVLINK_MSG_ID_HEARTBEAT, mavlink.MAVLINK_MSG_ID_ATTITUDE}
 EVENTS = {mavlink.MAVLINK_MSG_ID_STATUSTEXT}
@@ -145,3 +145,15 @@ def test_other_systems_count_only_by_their_heartbeats():
     heartbeat = mavlink.MAVLink_heartbeat_message(2, 3, 0, 0, 3, 3).pack(link)
     messages = reader().receive(0.0, attitude(link) + heartbeat)
     assert [m.name for m in messages] == ["HEARTBEAT"]
+
+
+def test_made_up_senders_do_not_fill_the_memory():
+    codec = MavlinkCodec(255, 190, WANTED, EVENTS)
+    link = encoder()
+    codec.receive(0.0, attitude(link))
+    for number in range(3 * SENDERS_AT_MOST):
+        now_s = 0.001 * number
+        codec.receive(now_s, attitude(encoder(system=2 + number // 256, component=number % 256)))
+        codec.receive(now_s, vfr_hud(link))
+    assert len(codec._senders) <= SENDERS_AT_MOST
+    assert (1, 1) in codec._senders, "who is heard is not forgotten"
