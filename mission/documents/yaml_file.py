@@ -43,7 +43,7 @@ _LONGEST_LINE = 600
 _LARGEST_BYTES = 16 << 20
 """Larger than any file that a person writes, or a ground station for one."""
 _OTHERS = (
-    ((b"\xff\xfe", b"\xfe\xff"), "it is UTF-16 text; save it as UTF-8"),
+    ((b"\xff\xfe", b"\xfe\xff"), "it is UTF-16 text, not UTF-8; save it as UTF-8"),
     ((b"PK\x03\x04",), "it is a zip archive (a .kmz file is one); unpack it and give the file in it"),
     ((b"\x1f\x8b",), "it is compressed; unpack it"),
 )
