@@ -9,12 +9,14 @@ from typing import Annotated
 
 import typer
 
+from flightstack.command_line import run_program, versioned
 from mission.documents.yaml_file import DocumentError
 
 app = typer.Typer(
     help="The agent on a drone's companion computer.", no_args_is_help=True, pretty_exceptions_enable=False
 )
 
+app.callback()(versioned)
 ConfigOption = Annotated[pathlib.Path, typer.Option("--config", help="The drone's YAML file.")]
 
 
@@ -75,16 +77,16 @@ _mount_sensors()
 
 def main() -> None:
     """Entry point: what a user can get wrong ends in one line and exit code 2."""
+    run_program("flightstack", app, _exit_code_of)
+
+
+def _exit_code_of(error: Exception) -> int | None:
     from flightstack.errors import FlightstackError
-    from flightstack.mavlink.link import LinkError
     from flightstack.transport import TransportError
     from sensors.instruments.sensor_error import SensorError
 
-    try:
-        app(standalone_mode=True)
-    except (DocumentError, FlightstackError, LinkError, TransportError, SensorError) as error:
-        typer.echo(f"flightstack: {error}", err=True)
-        raise SystemExit(2) from error
+    known = (DocumentError, FlightstackError, TransportError, SensorError)
+    return 2 if isinstance(error, known) else None
 
 
 if __name__ == "__main__":

@@ -212,4 +212,5 @@ def _request(vehicle: VehicleState, name: str) -> Any:
 
 
 def _error(fields: Any) -> str:
-    return _PARAM_ERRORS.get(fields.error, f"error {fields.error}")
+    text: str = _PARAM_ERRORS.get(fields.error, f"error {fields.error}")
+    return text
