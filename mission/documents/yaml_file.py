@@ -16,6 +16,7 @@ import yaml
 from msgspec import inspect
 
 from mission.documents import yaml_values
+from mission.documents.printable import printable
 
 T = TypeVar("T")
 _STEPS = re.compile(r"([^.\[\]]+)|\[(\d+)\]")
@@ -35,7 +36,7 @@ class DocumentError(ValueError):
 
 def _visible(text: str) -> str:
     """What a file says stands in its errors: control characters must not reach the terminal, nor a whole page."""
-    shown = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+    shown = printable(text)
     return shown if len(shown) <= _LONGEST_LINE else f"{shown[: _LONGEST_LINE - 1]}…"
 
 
