@@ -31,8 +31,6 @@ def fence_upload(
     json: JsonOption = False,
 ) -> None:
     """Upload a geofence, read it back, and set and read back the parameters without which it does nothing."""
-    import msgspec
-
     from gcs.plans.autopilot_client import open_vehicle
     from gcs.plans.mission_items import FENCE_ACTIONS
     from mission.documents.plan_file import Plan, read_plan
@@ -48,14 +46,16 @@ def fence_upload(
 
     async def upload() -> Uploaded:
         async with open_vehicle(links, drone, system) as vehicle:
-            warnings = await vehicle.place_warnings(Plan(geofence=fence))
-            done = await vehicle.upload_fence(fence, FENCE_ACTIONS[action])
-            return msgspec.structs.replace(done, warnings=warnings + done.warnings)
+            places = await vehicle.place_warnings(Plan(geofence=fence))
+            tell(file, (), places)
+            warnings.extend(places)
+            return await vehicle.upload_fence(fence, FENCE_ACTIONS[action])
 
+    warnings = list(plan.warnings)
     done = asyncio.run(upload())
     tell(file, (), done.warnings)
     say(
-        {"drone": drone, "parameters": done.parameters, "warnings": (*plan.warnings, *done.warnings)},
+        {"drone": drone, "parameters": done.parameters, "warnings": (*warnings, *done.warnings)},
         f"drone {drone}: fence with {settings(done.parameters)}",
         json=json,
     )

@@ -180,9 +180,10 @@ def _agreed(file: pathlib.Path, count: int, *, yes: bool) -> bool:
     if yes:
         return True
     try:
-        return typer.confirm(f"write these {count} parameters?", err=True)
+        what = f"these {count} parameters" if count > 1 else "this parameter"
+        return typer.confirm(f"write {what}?", err=True)
     except typer.Abort:  # nobody is there to be asked
-        typer.echo(f"\n{file}: nothing was written; --yes writes these {count}", err=True)
+        typer.echo(f"\n{file}: nothing was written; --yes writes what is listed", err=True)
         raise typer.Exit(2) from None
 
 

@@ -85,8 +85,12 @@ def plan_upload(
 
     async def upload() -> Uploaded:
         async with open_vehicle(links, drone, system) as vehicle:
+            places = await vehicle.place_warnings(plan)
+            tell(file, (), places)
+            warnings.extend(places)
             return await vehicle.upload_plan(plan, FENCE_ACTIONS[action], clear_fence=clear_fence)
 
+    warnings = list(check.warnings)
     done = asyncio.run(upload())
     tell(file, (), done.warnings)
     facts = {
@@ -95,7 +99,7 @@ def plan_upload(
         "rally_points": len(plan.rally),
         "parameters": done.parameters,
         "notes": done.notes,
-        "warnings": (*check.warnings, *done.warnings),
+        "warnings": (*warnings, *done.warnings),
     }
     fence = f", fence with {settings(done.parameters)}" if done.parameters else ", no fence"
     lines = [f"drone {drone}: {len(plan.items)} items, {len(plan.rally)} rally points{fence}"]

@@ -114,25 +114,31 @@ class Vehicle:
         `clear_fence`: it may be all that keeps the vehicle out of something. Fence first: PX4 holds every mission
         against the fence that it has.
         """
-        told = Uploaded(warnings=await self.place_warnings(plan))
-        if plan.geofence is not None:
-            told = _together(
-                told, await self.upload_fence(plan.geofence, action, mission_follows=bool(plan.items))
-            )
-        elif clear_fence:
-            told = _together(told, await self.clear(FENCE))
-        else:
-            told = _together(told, await self.kept(FENCE))
-        for kind, part, items in (
-            (MISSION, "mission", mission_items(plan, self.flavour) if plan.items else []),
-            (RALLY, "rally", rally_items(plan.rally)),
-        ):
-            if items:
-                told = _together(told, await self._send(kind, items))
-            elif part in plan.holds:
-                told = _together(told, await self.clear(kind))
+        told, sent = Uploaded(), []
+        try:
+            if plan.geofence is not None:
+                follows = bool(plan.items)
+                told = _together(
+                    told, await self.upload_fence(plan.geofence, action, mission_follows=follows)
+                )
+                sent.append(KINDS[FENCE])
             else:
-                told = _together(told, await self.kept(kind))
+                told = _together(told, await (self.clear(FENCE) if clear_fence else self.kept(FENCE)))
+            mission = mission_items(plan, self.flavour) if plan.items else []
+            for kind, part, items in (
+                (MISSION, "mission", mission),
+                (RALLY, "rally", rally_items(plan.rally)),
+            ):
+                if items:
+                    told = _together(told, await self._send(kind, items))
+                    sent.append(KINDS[kind])
+                else:
+                    speaks_of_it = part in plan.holds
+                    told = _together(told, await (self.clear(kind) if speaks_of_it else self.kept(kind)))
+        except VehicleError as error:
+            if not sent:
+                raise
+            raise VehicleError(f"{error}; sent before it: {', '.join(sent)}") from error
         return told
 
     async def upload_fence(
