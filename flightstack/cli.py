@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import logging
 import pathlib
-import sys
 from typing import Annotated
 
 import typer
@@ -24,11 +22,10 @@ ConfigOption = Annotated[pathlib.Path, typer.Option("--config", help="The drone'
 def run(config: ConfigOption) -> None:
     """Fly: connect to the autopilot, the instruments and the swarm, and wait for the ground's start."""
     from flightstack.config_file import load
+    from flightstack.process_log import log_to_stderr
     from flightstack.runner import run as run_agent
 
-    logging.basicConfig(
-        stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(levelname)-7s %(name)s: %(message)s"
-    )
+    log_to_stderr()
     raise typer.Exit(run_agent(load(config), file=str(config)))
 
 

@@ -18,6 +18,8 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
+from mission.documents.printable import printable
+
 
 class BrokenOutputError(Exception):
     """What was to be printed cannot be; not an OSError, which others take for their own."""
@@ -78,13 +80,13 @@ def run_program(name: str, app: typer.Typer, exit_code_of: Callable[[Exception],
         sys.stdout.flush()
     except BrokenOutputError as error:
         code = 1
-        typer.echo(f"{name}: {error}", err=True)
+        typer.echo(printable(f"{name}: {error}"), err=True)
     except Exception as error:
         told = exit_code_of(error)
         if told is None:
             raise
         code = told
-        typer.echo(f"{name}: {error}", err=True)
+        typer.echo(printable(f"{name}: {error}"), err=True)
         with contextlib.suppress(BrokenOutputError):
             sys.stdout.flush()
     finally:

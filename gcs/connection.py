@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from flightstack.config import TlsConfig
 from flightstack.recording.clock import WallClock
-from flightstack.swarm.topics import GROUND, TOPICS
+from flightstack.swarm.topics import TOPICS
 from flightstack.transport import Transport
 from gcs.errors import GroundError
 from gcs.plans.checks import load_fence
@@ -18,7 +18,7 @@ from gcs.station_config import AlarmLimits, GroundConfig, load
 from mission.geometry.frames import LocalFrame
 from mission.geometry.geofence import Geofence, LocalFence
 
-RECEIVED = tuple(topic for topic in TOPICS.values() if topic is not GROUND)
+RECEIVED = tuple(TOPICS.values())
 """What a ground station listens to."""
 
 
