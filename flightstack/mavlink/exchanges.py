@@ -141,6 +141,41 @@ class ParameterExchange:
             self.reason = f"{self.name} stays {self._found:g}, it should be {self._value:g}"
 
 
+class ParameterQuery:
+    """Reads one parameter."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.answer = Answer.PENDING
+        self.found = math.nan
+        self._sent = 0
+        self._next_s = -math.inf
+
+    def step(self, now_s: float, vehicle: VehicleState) -> list[Any]:
+        if self.answer is not Answer.PENDING or now_s < self._next_s:
+            return []
+        if self._sent > REPEATS:
+            self.answer = Answer.SILENCE
+            return []
+        self._sent += 1
+        self._next_s = now_s + REPEAT_S
+        name = self.name.encode("ascii", "replace")
+        return [mavlink.MAVLink_param_request_read_message(vehicle.system, vehicle.component, name, -1)]
+
+    def value(self, flavour: Flavour, fields: Any) -> None:
+        """A PARAM_VALUE with these fields has come."""
+        if fields.param_id == self.name and self.answer is Answer.PENDING:
+            self.answer, self.found = (
+                Answer.ACCEPTED,
+                _decode(flavour, fields.param_type, fields.param_value),
+            )
+
+    def error(self, fields: Any) -> None:
+        """A PARAM_ERROR with these fields has come."""
+        if fields.param_id == self.name and self.answer is Answer.PENDING:
+            self.answer = Answer.REFUSED
+
+
 def _fits(kind: int, value: float) -> bool:
     if value != math.floor(value):
         return False

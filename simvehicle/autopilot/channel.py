@@ -10,9 +10,8 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
-
 from flightstack.mavlink.codec import MavlinkCodec
+from flightstack.mavlink.dialect import MESSAGES
 from flightstack.mavlink.fields import layout
 from flightstack.mavlink.framing import FrameFinder, MavlinkFrame
 
@@ -56,7 +55,7 @@ class Channel:
         return [
             (frame, layout(frame.kind).unpack(frame.payload))
             for frame in self._finder.find(data)
-            if frame.kind in mavlink.mavlink_map
+            if frame.kind in MESSAGES
         ]
 
     def send(self, message: Any) -> None:

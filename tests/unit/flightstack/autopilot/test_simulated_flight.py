@@ -28,7 +28,9 @@ class Flight:
         plume = GaussianPlume(source_north_m=100.0, source_east_m=0.0)
         fleet = FleetConfig(origin=ORIGIN, vehicles=(spec,), plume=plume, ready_after_s=20.0)
         self.vehicle = SimulatedVehicle(spec, make_world(fleet), seed=1, ready_after_s=20.0)
-        self.session = AutopilotSession(3, LocalFrame(ORIGIN), AutopilotConfig(link="unused"))
+        parameters = {"COM_OBL_RC_ACT": 3.0, "RTL_CONE_ANG": 0.0} if flavour == "px4" else {}
+        config = AutopilotConfig(link="unused", parameters=parameters)
+        self.session = AutopilotSession(3, LocalFrame(ORIGIN), config)
         self.ticks = 0
         self.down = b""
         self.modes: list[str] = []
