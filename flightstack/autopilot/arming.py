@@ -76,7 +76,7 @@ class Arm(Request):
     @staticmethod
     def _needs_stream(vehicle: Telemetry) -> bool:
         """PX4 wants to have seen setpoints for a while before it takes Offboard."""
-        return vehicle.flavour is not Flavour.ARDUPILOT and not vehicle.is_ours
+        return vehicle.flavour is not Flavour.ARDUPILOT and not (vehicle.is_ours and vehicle.armed)
 
     def _patience_s(self) -> float:
         return self._ready_timeout_s

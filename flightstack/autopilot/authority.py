@@ -123,8 +123,10 @@ class Authority:
         elif new == mode_of(self._flavour, Duty.CONTROL):
             self._lapsed_s = None
         elif not self._critical or now_s - self._lapsed_s > RESUMES_S:
-            # Somebody chose a mode meanwhile, or our setpoints do not reach it.
+            # Somebody chose a mode meanwhile, or our setpoints do not reach it: then the failsafe has it for good.
             self._lapsed_s = None
+            if self._critical:
+                self._text = (now_s, self.failsafe_reason or "no setpoints reach it")
             self._mode_changed(now_s, mode_of(self._flavour, Duty.CONTROL), new)
 
     def _lapses(self, now_s: float, old: int, new: int) -> bool:

@@ -186,12 +186,15 @@ class Px4Events:
     def _causes(self, now_s: float, mode: int) -> str:
         """Why a mode that somebody wanted ends in a failsafe, in brackets. What is told thereby is told."""
         bit = px4_mode_bit(mode)
-        failed = [
-            c.text for c in (*self.checks, *(self._report or ())) if c.severity <= ERROR and c.modes & bit
+        errors = [check for check in (*self.checks, *(self._report or ())) if check.severity <= ERROR]
+        # PX4 says of a lost position also that Offboard gets no signal.
+        failed = [check.text for check in errors if check.number not in _NO_SETPOINTS] or [
+            check.text for check in errors if check.modes & bit
         ]
         texts = list(dict.fromkeys(failed))
+        told = {*texts, *(check.text for check in errors if check.number in _NO_SETPOINTS)}
         self._waiting = [
-            w for w in self._waiting if w.source is not _Source.CHECK or w.text.text not in texts
+            w for w in self._waiting if w.source is not _Source.CHECK or w.text.text not in told
         ]
         self._told += [(now_s + TWIN_S, text) for text in texts if not self._drop_text(text)]
         return f" ({'; '.join(texts)})" if texts else ""
