@@ -138,6 +138,9 @@ class Agent:
         swarm = self._swarm.step(now_s, received, self._decision, vehicle.position_ned_m)
         notes = list(swarm.refused)
         notes += [Note(_severity(text.severity), "statustext", text.text) for text in vehicle.new_texts]
+        if vehicle.stood_still_s:
+            text = f"this program stood still for {vehicle.stood_still_s:.1f} s and sent no setpoints"
+            notes.append(Note(Severity.WARNING, "stood_still", text))
         notes += swarm.news
         # filters
         sensed = self._sensing.step(now_s, inputs.ports, self._relay.samples(now_s, vehicle), motion(vehicle))
