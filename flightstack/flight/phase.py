@@ -170,7 +170,7 @@ class FlightPhase:
         self._outcomes.append(outcome)
 
     def _obeyed_already(self, name: CommandName, vehicle: VehicleFacts) -> str:
-        """Why there is nothing left to do for what brings a drone down: it is down. Empty where it is not known to be."""
+        """Why nothing is left to do for what brings a drone down; empty where it is not known to be down."""
         if name not in DOWNWARDS or self.phase is Phase.ARMING or not vehicle.connected:
             return ""
         if vehicle.crash:
@@ -259,9 +259,13 @@ class FlightPhase:
             self._taken_s = None
         elif vehicle.failsafe or now_s - self._taken_s > NAMED_WITHIN_S:
             self._taken_s = None
-            who = "failsafe of the autopilot" if vehicle.failsafe else "by the pilot or another ground station"
+            who = (
+                "failsafe of the autopilot" if vehicle.failsafe else "by the pilot or another ground station"
+            )
             how = vehicle.taken_reason or f"our mode did not come, it stays in {vehicle.mode}"
-            self._note(Severity.WARNING, "failsafe" if vehicle.failsafe else "pilot", f"{self.phase}: {who}: {how}")
+            self._note(
+                Severity.WARNING, "failsafe" if vehicle.failsafe else "pilot", f"{self.phase}: {who}: {how}"
+            )
 
     def _arming(self, now_s: float, vehicle: VehicleFacts) -> None:
         if vehicle.armed and vehicle.ours:
@@ -333,7 +337,9 @@ class FlightPhase:
         if self.phase is Phase.TAKEOFF:
             return (Ask.TAKE_OFF,)
         if self.phase in DESCENTS and vehicle.armed and vehicle.ours:
-            return (DESCENTS[self.phase],)  # until the mode has changed once: a pilot's later choice is left alone
+            return (
+                DESCENTS[self.phase],
+            )  # until the mode has changed once: a pilot's later choice is left alone
         if self.phase in STEERING and not vehicle.ours:
             return (Ask.TAKE_CONTROL,)
         return ()
@@ -346,8 +352,10 @@ class FlightPhase:
         severity: Severity = Severity.INFO,
         code: str = "phase",
     ) -> None:
-        """Go where `event` leads; `why` None: that is told later. Raises `IllegalTransitionError`, and changes nothing,
-        where it cannot be."""
+        """Go where `event` leads; `why` None: that is told later.
+
+        Raises `IllegalTransitionError`, and changes nothing, where it cannot be.
+        """
         before, self.phase = self.phase, following(self.phase, event)
         if self.phase is before:
             return

@@ -83,7 +83,7 @@ class CrashWatch:
         low = above_home_m < ON_THE_GROUND_M and not landing
         at_rest_s = now_s - (fall.rest_since_s or now_s)
         if at_rest_s >= (AT_REST_S if fall.impact else 2.0 * AT_REST_S) and (fall.impact or low):
-            lost = f" after \"{self._thrust_lost}\"" if self._thrust_lost else ""
+            lost = f' after "{self._thrust_lost}"' if self._thrust_lost else ""
             self.reason = f"fell and hit the ground at {fall.fastest_mps:.1f} m/s{lost}"
 
     def leaned(self, now_s: float, roll_rad: float, pitch_rad: float) -> None:
@@ -102,4 +102,4 @@ class CrashWatch:
         if _THRUST_LOSS.search(text):
             self._thrust_lost = text
         if not self.reason and _TEXT.search(text):
-            self.reason = f"the autopilot says \"{text}\""
+            self.reason = f'the autopilot says "{text}"'

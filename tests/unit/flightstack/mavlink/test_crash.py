@@ -145,7 +145,12 @@ def test_the_autopilots_own_word_counts_at_once(text: str) -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["Crash dumps present on SD card", "PreArm: Crash", "Potential Thrust Loss (1)", "Motors: crash check off"],
+    [
+        "Crash dumps present on SD card",
+        "PreArm: Crash",
+        "Potential Thrust Loss (1)",
+        "Motors: crash check off",
+    ],
 )
 def test_other_texts_do_not(text: str) -> None:
     watch = CrashWatch()
