@@ -17,6 +17,7 @@ from flightstack.flight.guard import Guard, Guarded, PositionTarget
 from flightstack.flight.guidance import over_the_top, underneath
 from flightstack.flight.homecoming import Homecoming
 from flightstack.flight.leaving import Leaving, LeavingFacts
+from flightstack.flight.obedience import Obedience
 from flightstack.flight.phase import Ask, FlightPhase, PhaseStep, SwarmFacts, VehicleFacts
 from flightstack.flight.slot_transfer import SlotStep, SlotTransfer
 from flightstack.flight.strategy_call import consult
@@ -115,6 +116,7 @@ class Agent:
         self._homecoming = Homecoming(config.limits, fence, -self._layer_above_home_m)
         self._leaving = Leaving(config.limits, fence, config.origin.amsl_m)
         self._slot = SlotTransfer()
+        self._obedience = Obedience(config.limits.floor_above_home_m)
         self._strategy = self._new_strategy()
         self._rng = np.random.default_rng((config.seed, config.drone))
         self._decision: Decision | None = None
@@ -166,6 +168,9 @@ class Agent:
         intent = self._decide(now_s, phase, vehicle, sensed, swarm, place, slot)
         # guard
         guarded = self._steer(phase, intent, vehicle, swarm)
+        notes += self._obedience.step(now_s, guarded.setpoint if guarded else None, vehicle)
+        if self._obedience.grounded:
+            self._session.believe_crashed(self._obedience.grounded)
         # outputs
         self._ask(phase)
         if phase.phase in IN_FORMATION and sensed.excess_co2_ppm is not None:
@@ -182,6 +187,7 @@ class Agent:
             inputs.late_ticks,
             self._word,
             self._crash,
+            self._obedience.astray,
         )
         told = self._swarm.tell(now_s, notes, phase.outcomes, own)
         status = AgentStatus(

@@ -230,6 +230,11 @@ class AutopilotSession:
         _check_finite("velocity", velocity_ned_mps, yaw_rad)
         self._target = VelocityRequest(velocity_ned_mps, yaw_rad)
 
+    def believe_crashed(self, how: str) -> None:
+        """The agent found out what the vehicle's own messages do not tell; it stands until the next arming."""
+        self._vehicle.believe_crashed(how)
+        self._report = None
+
     def _new_prepare(self) -> Prepare:
         return Prepare(self._now_s, self._vehicle, self._config.parameters, self._config.ready_timeout_s)
 

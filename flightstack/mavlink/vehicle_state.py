@@ -356,6 +356,10 @@ class VehicleState:
         """How it crashed since it was armed, "" if it did not."""
         return self._crash.reason
 
+    def believe_crashed(self, how: str) -> None:
+        """Somebody who knows more says so."""
+        self._crash.reason = self._crash.reason or how
+
     @property
     def estimator_is_good(self) -> bool:
         """Does the estimator vouch for an absolute horizontal position, as far as it says anything?"""
