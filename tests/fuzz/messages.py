@@ -156,6 +156,19 @@ def forged_message(rng: random.Random, topic: Topic, payload: bytes, keep: Colle
     return bytes((VERSION if rng.random() < 0.98 else rng.randrange(256),)) + data
 
 
+def from_sender(payload: bytes, sender: int) -> bytes:
+    """A message, if it is one that names its sender, as another drone says it."""
+    try:
+        fields = msgspec.msgpack.decode(payload[1:])
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+        return payload
+    if not isinstance(fields, list) or len(fields) < 3:
+        return payload
+    place = 2 if fields[0] == "outcome" else 1
+    fields[place] = sender if isinstance(fields[place], int) else str(sender)
+    return payload[:1] + _encoded(fields)
+
+
 def _mutated_value(rng: random.Random, value: Any) -> Any:
     if isinstance(value, list) and value and rng.random() < 0.7:
         changed = list(value)
