@@ -11,7 +11,7 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
-from flightstack.autopilot import AutopilotSession, VehicleReport
+from flightstack.autopilot import AutopilotSession, TakenBy, VehicleReport
 from flightstack.config import DroneConfig
 from flightstack.flight.guard import Guard, Guarded, PositionTarget
 from flightstack.flight.guidance import over_the_top, underneath
@@ -30,7 +30,7 @@ from flightstack.swarm.news import Note
 from flightstack.swarm.topics import Received
 from flightstack.swarm.wire import Event, Phase, Severity
 from mission.geometry.formation import make_layout
-from mission.geometry.frames import LocalFrame
+from mission.geometry.frames import LocalFrame, Vector3
 from mission.geometry.geofence import LocalFence
 from mission.strategies.contract import (
     Decision,
@@ -123,6 +123,8 @@ class Agent:
         self._strategy_failure = ""
         self._formed_s: float | None = None
         self._best_ppm: float | None = None
+        self._crash = ""
+        """How and where the vehicle crashed since it was armed."""
         self._defects: set[str] = set()
         self._ticks = 0
 
@@ -176,6 +178,7 @@ class Agent:
             self._ticks + inputs.late_ticks,  # that were due, whether they were held or missed
             inputs.late_ticks,
             self._word,
+            self._crash,
         )
         told = self._swarm.tell(now_s, notes, phase.outcomes, own)
         status = AgentStatus(
@@ -224,6 +227,10 @@ class Agent:
 
     def _vehicle_facts(self, vehicle: VehicleReport) -> VehicleFacts:
         position = vehicle.position_ned_m
+        if not vehicle.crash:
+            self._crash = ""
+        elif not self._crash:
+            self._crash = vehicle.crash + self._place(position)
         return VehicleFacts(
             connected=vehicle.connected,
             problem=self._session.problem,
@@ -232,10 +239,19 @@ class Agent:
             ours=vehicle.mode_ours,
             mode=vehicle.mode,
             taken_reason=vehicle.taken_reason,
+            failsafe=vehicle.taken_by is TakenBy.AUTOPILOT,
+            crash=self._crash,
             at_takeoff_altitude=vehicle.airborne
             and position is not None
             and -position[2] > self._layer_above_home_m - 1.0,
         )
+
+    def _place(self, position_ned_m: Vector3 | None) -> str:
+        """Where somebody has to go and look."""
+        if position_ned_m is None:
+            return "; it is not known where"
+        place = self.frame.to_geodetic(position_ned_m)
+        return f", at {place.latitude_deg:.6f}, {place.longitude_deg:.6f}"
 
     def _swarm_facts(
         self, now_s: float, vehicle: VehicleReport, swarm: SwarmView, slot: SlotStep

@@ -31,7 +31,7 @@ log = logging.getLogger("flightstack")
 LEVEL = {Severity.INFO: logging.INFO, Severity.WARNING: logging.WARNING, Severity.CRITICAL: logging.ERROR}
 
 
-IDLE = frozenset({Phase.DISARMED, Phase.LANDED, Phase.PILOT})
+IDLE = frozenset({Phase.DISARMED, Phase.LANDED, Phase.CRASHED, Phase.PILOT})
 """The phases in which this agent has nothing in the air."""
 
 TWIN_S = 10.0

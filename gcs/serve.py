@@ -6,6 +6,8 @@ import contextlib
 import datetime
 import logging
 import pathlib
+import random
+import time
 
 from flightstack.mavlink.link import ByteLink, LinkError, open_link
 from flightstack.recording.clock import Clock, make_clock
@@ -22,6 +24,9 @@ from gcs.station_config import GroundConfig
 from mission.documents.yaml_file import fault_of
 
 log = logging.getLogger("gcs")
+
+LINK_PATIENCE_S = 5.0
+"""Real seconds after the start in which a link that does not work yet is nothing to tell."""
 
 LEVELS = {Severity.INFO: logging.INFO, Severity.WARNING: logging.WARNING, Severity.CRITICAL: logging.ERROR}
 
@@ -79,7 +84,8 @@ def serve(config: GroundConfig, file: pathlib.Path) -> int:
     stop = StopSignals()
     stop.install()
     clock = make_clock(config.speedup, config.clock)
-    station = Station(config, load_fence(config, file), clock.now_s())
+    incarnation = random.SystemRandom().randrange(1, 1 << 31)
+    station = Station(config, load_fence(config, file), clock.now_s(), incarnation=incarnation)
     directory = _directory(config, file)
     with contextlib.ExitStack() as opened:
         links: list[ByteLink] = []
@@ -141,6 +147,7 @@ def _loop(
     period_s = 1.0 / config.tick_hz
     due_s = clock.now_s()
     problems = [""] * len(links)
+    begun_s = time.monotonic()
     said: set[str] = set()
     while not stop.asked:
         clock.sleep_until(due_s)
@@ -157,9 +164,10 @@ def _loop(
         for severity, line in outputs.log:
             log.log(LEVELS[severity], "%s", line)
         for index, link in enumerate(links):
-            if link.problem != problems[index]:
+            patient = time.monotonic() < begun_s + LINK_PATIENCE_S
+            if link.problem != problems[index] and not patient:
                 problems[index] = link.problem
-                log.warning("%s: %s", link.describe, link.problem or "works again")
+                log.warning("%s", link.problem or f"{link.describe} works again")
         for problem in recordings.problems() - said:
             said.add(problem)
             log.error("recording: %s", problem)

@@ -139,6 +139,8 @@ class AutopilotSession:
             refusal = self._request.complaint if self._request is not None else ""
             missing = sorted(self._streams.missing - _MAY_BE_ABSENT)
             notes = tuple(f"autopilot does not send {layout(kind).name}" for kind in missing)
+            if self._vehicle.is_contested(self._now_s):
+                notes = (*notes, "another autopilot speaks under our system id: every vehicle needs its own")
             if self._withheld:
                 notes = (*notes, self._withheld)
             self._report = self._vehicle.report(self._now_s, refusal, notes)

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from flightstack.swarm.wire import CommandName
-from gcs.cli.options import ConfigOption, ConnectOption, JsonOption, SwarmOption
+from gcs.cli.options import ConfigOption, ConnectOption, JsonOption, SwarmOption, swarm_connection
 
 
 def survey(
@@ -24,10 +24,9 @@ def survey(
 ) -> None:
     """Command the swarm and wait for every drone's answer; exit code 0 only if all accepted."""
     from gcs.commands.send import command_swarm
-    from gcs.connection import from_options
     from gcs.fleet.observe import to_json
 
-    done = command_swarm(from_options(config, swarm, connect or ()), name, drone, deadline_s)
+    done = command_swarm(swarm_connection(config, swarm, connect), name, drone, deadline_s)
     if json:
         report = {"command": name, "identity": done.command.identity, "accepted": done.accepted()}
         typer.echo(to_json(report | {"drones": done.answers()}))

@@ -7,7 +7,7 @@ from typing import Final, Literal, TypeAlias
 
 import msgspec
 
-from mission.geometry.frames import Geodetic
+from mission.geometry.frames import Geodetic, Vector3
 from mission.geometry.geofence import Geofence
 
 FRAMES: Final = {
@@ -91,6 +91,12 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
     fence"); of the rest it says nothing (a KML file knows no missions)."""
     warnings: tuple[str, ...] = ()
     """What stands in the file and was not taken over, one sentence each, to be told to whoever gave the file."""
+
+
+def local_ned_m(item: PlanItem) -> Vector3:
+    """Metres north, east and down of home, of an item in a local frame."""
+    x_m, y_m, z_m = (value or 0.0 for value in item.params[4:])
+    return (y_m, x_m, -z_m) if item.frame == LOCAL_ENU else (x_m, y_m, z_m)
 
 
 def item_problem(item: PlanItem) -> str | None:

@@ -13,6 +13,7 @@ from typing import Any, Final, TypeAlias
 
 import msgspec
 
+from mission.documents.fence_areas import ring
 from mission.documents.flight_plan import Parameters, Plan, PlanItem, item_problem
 from mission.documents.json_text import converted, json_object
 from mission.documents.yaml_file import DocumentError
@@ -22,7 +23,9 @@ from mission.geometry.geofence import WIDEST_M, Circle, Geofence, Vertex
 Number: TypeAlias = float | None
 Unset: TypeAlias = msgspec.UnsetType
 _AGAIN: Final = "open the file in QGroundControl and save it again"
-_EXPAND: Final = "upload the plan from QGroundControl to a (simulated) vehicle, download it there and save that"
+_EXPAND: Final = (
+    "upload the plan from QGroundControl to a (simulated) vehicle, download it there and save that"
+)
 
 
 class _Item(msgspec.Struct, rename="camel"):
@@ -127,6 +130,11 @@ def parse_plan(text: str, file: str) -> Plan:
         raise DocumentError(
             file, 'not a QGroundControl plan: it must be a JSON object with "fileType": "Plan"'
         )
+    return plan_of(content, file)
+
+
+def plan_of(content: dict[str, Any], file: str) -> Plan:
+    """As `parse_plan`, from the decoded object, which `is_qgc`."""
     kind, version = content.get("fileType"), content.get("version")
     if kind == "Plan" and version == 1:
         return _plan(content, file)
@@ -332,9 +340,14 @@ def _fence(raw: _Fence, file: str, warnings: list[str]) -> Geofence | None:
             Circle(*c.circle.center, c.circle.radius) for c in raw.circles if c.inclusion is inclusion
         )
 
+    warnings += [
+        f"geoFence polygon {index}: its last vertex is its first again and is left out"
+        for index, polygon in enumerate(polygons)
+        if ring(polygon.polygon) != polygon.polygon
+    ]
     return Geofence(
-        inclusion=tuple(p.polygon for p in polygons if p.inclusion),
-        exclusion=tuple(p.polygon for p in polygons if not p.inclusion),
+        inclusion=tuple(ring(p.polygon) for p in polygons if p.inclusion),
+        exclusion=tuple(ring(p.polygon) for p in polygons if not p.inclusion),
         inclusion_circles=rounds(inclusion=True),
         exclusion_circles=rounds(inclusion=False),
     )

@@ -55,9 +55,10 @@ class AgentFlight:
         self.setpoints: list[Any] = []
         """Of the newest tick."""
 
-    def tick(self, *commands: CommandName, silent: bool = False) -> Outputs:
+    def tick(self, *commands: CommandName, silent: bool = False, beside: bytes = b"") -> Outputs:
+        """`beside`: what others say on the vehicle's link."""
         self.now_s += TICK_S
-        said = b"" if silent else self.autopilot.say(self.now_s)
+        said = beside + (b"" if silent else self.autopilot.say(self.now_s))
         peers = tuple(
             PeerMessage(
                 "command",
@@ -181,12 +182,15 @@ def test_a_pause_holds_the_place(flight: AgentFlight) -> None:
     assert flight.tick(CommandName.RESUME).status.phase is Phase.FORMING
 
 
-@pytest.mark.parametrize(("name", "mode"), [(CommandName.LAND, LAND), (CommandName.RTL, RTL)])
+@pytest.mark.parametrize(
+    ("name", "mode", "phase"),
+    [(CommandName.LAND, LAND, Phase.LANDING), (CommandName.RTL, RTL, Phase.RTL)],
+)
 def test_a_command_that_brings_it_down_gives_the_vehicle_to_the_autopilot(
-    flight: AgentFlight, name: CommandName, mode: int
+    flight: AgentFlight, name: CommandName, mode: int, phase: Phase
 ) -> None:
     flight.to(Phase.SEARCHING)
-    assert flight.tick(name).status.phase is Phase.LANDING
+    assert flight.tick(name).status.phase is phase
     assert flight.setpoints == []
     for _ in range(5):
         flight.tick()
@@ -194,6 +198,73 @@ def test_a_command_that_brings_it_down_gives_the_vehicle_to_the_autopilot(
     assert flight.autopilot.mode == mode
     flight.autopilot.armed, flight.autopilot.up_m = False, 0.0
     assert flight.tick().status.phase is Phase.LANDED
+
+
+STRANGERS = (
+    "ping0",
+    "ping8",
+    "gimbal0",
+    "gimbal3",
+    "camera",
+    "companion",
+    "copter154",
+    "qgc",
+    "other2",
+    "sys0",
+)
+
+
+@pytest.mark.parametrize("kind", [*STRANGERS, "veh255"])
+def test_what_else_is_on_the_link_is_never_the_vehicle(
+    flight: AgentFlight, neighbours: Any, kind: str
+) -> None:
+    """It talks beside the vehicle, then alone while that is silent, then beside it again."""
+    flight.to(Phase.SEARCHING)
+    for tick in range(100):
+        outputs = flight.tick(silent=True, beside=neighbours.talkative(kind) if tick % 5 == 0 else b"")
+        assert outputs.status.phase is Phase.SEARCHING
+        assert outputs.status.airborne
+    assert not outputs.status.connected
+    for tick in range(30):
+        outputs = flight.tick(beside=neighbours.talkative(kind) if tick % 5 == 0 else b"")
+    states = [state for tick in flight.outputs for state in told(tick, DroneState)]
+    assert not any(state.mode.startswith("MODE_") for state in states)
+    assert (outputs.status.phase, outputs.status.airborne, outputs.status.steerable) == (
+        Phase.SEARCHING,
+        True,
+        True,
+    )
+    assert len(flight.setpoints) == 1
+    assert flight.events("pilot") == []
+    assert flight.events("statustext") == []
+
+
+@pytest.mark.parametrize("kind", [*STRANGERS, "generic1", "rover1", "gcs1", "veh251"])
+def test_what_is_heard_first_or_alone_is_never_the_vehicle(
+    flight: AgentFlight, neighbours: Any, kind: str
+) -> None:
+    for _ in range(20):
+        outputs = flight.tick(silent=True, beside=neighbours.talkative(kind))
+    assert (outputs.status.connected, outputs.status.airborne, outputs.status.phase) == (
+        False,
+        False,
+        Phase.DISARMED,
+    )
+    (state,) = [s for tick in flight.outputs[-2:] for s in told(tick, DroneState)]
+    assert (state.mode, state.position_ned_m, state.battery_fraction) == ("", None, None)
+    assert flight.to(Phase.SEARCHING).outputs[-1].status.steerable
+
+
+def test_an_answer_of_another_component_is_none(flight: AgentFlight, neighbours: Any) -> None:
+    """A refusal from a gimbal must not end a start that the autopilot has not answered yet."""
+    flight.autopilot.obeys = False
+    flight.autopilot.ready = False
+    flight.tick()
+    flight.tick(CommandName.START)
+    for _ in range(20):
+        flight.tick(beside=neighbours.talkative("gimbal3"))
+    assert flight.outputs[-1].status.phase is Phase.ARMING
+    assert flight.events("arming") == []
 
 
 def test_when_the_pilot_takes_the_mode_nothing_more_is_sent_in_the_same_tick(flight: AgentFlight) -> None:

@@ -162,8 +162,6 @@ def test_commands_to_others_are_not_ours() -> None:
     ("phase", "name"),
     [
         (Phase.DISARMED, CommandName.PAUSE),
-        (Phase.DISARMED, CommandName.RTL),
-        (Phase.DISARMED, CommandName.LAND),
         (Phase.RETURNING, CommandName.RESUME),
         (Phase.RETURNING, CommandName.PAUSE),
         (Phase.HOLDING, CommandName.START),
@@ -276,4 +274,4 @@ def test_a_drone_that_somebody_flies_again_obeys_what_brings_it_down() -> None:
     step = flight.step(flown, ALONE, flight.command(CommandName.ABORT))
     assert (step.phase, step.outcomes[0].result, step.asks) == (Phase.LANDED, Result.REFUSED, ())
     step = flight.step(flown, ALONE, flight.command(CommandName.RTL))
-    assert (step.phase, step.outcomes[0].result, step.asks) == (Phase.LANDING, Result.ACCEPTED, (Ask.RETURN,))
+    assert (step.phase, step.outcomes[0].result, step.asks) == (Phase.RTL, Result.ACCEPTED, (Ask.RETURN,))
