@@ -17,6 +17,7 @@ from flightstack.flight.guard import Guard, Guarded, PositionTarget
 from flightstack.flight.guidance import over_the_top, underneath
 from flightstack.flight.homecoming import Homecoming
 from flightstack.flight.leaving import Leaving, LeavingFacts
+from flightstack.flight.obedience import Obedience
 from flightstack.flight.phase import Ask, FlightPhase, PhaseStep, SwarmFacts, VehicleFacts
 from flightstack.flight.slot_transfer import SlotStep, SlotTransfer
 from flightstack.flight.strategy_call import consult
@@ -117,6 +118,7 @@ class Agent:
         self._homecoming = Homecoming(config.limits, fence, -self._layer_above_home_m)
         self._leaving = Leaving(config.limits, fence, config.origin.amsl_m)
         self._slot = SlotTransfer()
+        self._obedience = Obedience(config.limits.floor_above_home_m)
         self._strategy = self._new_strategy()
         self._rng = np.random.default_rng((config.seed, config.drone))
         self._decision: Decision | None = None
@@ -141,6 +143,9 @@ class Agent:
         swarm = self._swarm.step(now_s, received, self._decision, vehicle.position_ned_m)
         notes = [*self._storage_notes(inputs.storage), *swarm.refused]
         notes += [Note(_severity(text.severity), "statustext", text.text) for text in vehicle.new_texts]
+        if vehicle.stood_still_s:
+            text = f"this program stood still for {vehicle.stood_still_s:.1f} s and sent no setpoints"
+            notes.append(Note(Severity.WARNING, "stood_still", text))
         notes += swarm.news
         # filters
         sensed = self._sensing.step(now_s, inputs.ports, self._relay.samples(now_s, vehicle), motion(vehicle))
@@ -166,6 +171,9 @@ class Agent:
         intent = self._decide(now_s, phase, vehicle, sensed, swarm, place, slot)
         # guard
         guarded = self._steer(phase, intent, vehicle, swarm)
+        notes += self._obedience.step(now_s, guarded.setpoint if guarded else None, vehicle)
+        if self._obedience.grounded:
+            self._session.believe_crashed(self._obedience.grounded)
         # outputs
         self._ask(phase)
         if phase.phase in IN_FORMATION and sensed.excess_co2_ppm is not None:
@@ -182,6 +190,7 @@ class Agent:
             inputs.late_ticks,
             self._word,
             self._crash,
+            self._obedience.astray,
             storage=self._storage,
         )
         told = self._swarm.tell(now_s, notes, phase.outcomes, own)

@@ -180,7 +180,7 @@ class FlightPhase:
         self._outcomes.append(outcome)
 
     def _obeyed_already(self, name: CommandName, vehicle: VehicleFacts) -> str:
-        """Why there is nothing left to do for what brings a drone down: it is down. Empty if that is not known."""
+        """Why nothing is left to do for what brings a drone down; empty where it is not known to be down."""
         if name not in DOWNWARDS or self.phase is Phase.ARMING or not vehicle.connected:
             return ""
         if vehicle.crash:
@@ -367,8 +367,10 @@ class FlightPhase:
         severity: Severity = Severity.INFO,
         code: str = "phase",
     ) -> None:
-        """Go where `event` leads; `why` None: that is told later. Raises `IllegalTransitionError`, and changes
-        nothing, where it cannot be."""
+        """Go where `event` leads; `why` None: that is told later.
+
+        Raises `IllegalTransitionError`, and changes nothing, where it cannot be.
+        """
         before, self.phase = self.phase, following(self.phase, event)
         if self.phase is before:
             return
