@@ -99,7 +99,7 @@ def why_not_flown(heartbeat: Any) -> str:
     if heartbeat.autopilot not in FLAVOURS:
         return f"autopilot type {heartbeat.autopilot} is neither ArduPilot nor PX4"
     if heartbeat.type not in FLYING_TYPES:
-        return f"vehicle type {heartbeat.type} (MAV_TYPE) is not a multicopter or helicopter"
+        return f"vehicle type {heartbeat.type} (MAV_TYPE) is nothing that flies"
     return ""
 
 

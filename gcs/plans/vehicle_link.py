@@ -72,6 +72,7 @@ class VehicleLink:
     def __init__(self, link: ByteLink, codec: MavlinkCodec, state: VehicleState) -> None:
         self.state = state
         self.drone = state.system
+        self._ids = (state.system, state.component)
         self.heartbeat: MavlinkFrame | None = None
         """Its newest one."""
         self.listener: LinkListener | None = None
@@ -134,9 +135,10 @@ class VehicleLink:
     async def _turn(self) -> None:
         now_s = time.monotonic()
         for frame, message in self._codec.receive_frames(now_s, self._link.read()):
-            if self.listener is not None:
+            # Only what the autopilot itself says: MAVSDK takes a gimbal's answer for the vehicle's.
+            if self.listener is not None and (frame.system, frame.component) == self._ids:
                 self.listener.frame(frame)
-            if message is None or (message.system, message.component) != (self.drone, self.state.component):
+            if message is None or (message.system, message.component) != self._ids:
                 continue
             if message.kind == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
                 self.heartbeat = frame
@@ -161,7 +163,7 @@ async def find_vehicle(links: Sequence[ByteLink], drone: int, system: int) -> Ve
         MavlinkCodec(system, COMPONENT, vehicle_state.STATES, _EVENTS, only_system=drone) for _ in links
     ]
     end_s, beat_s = time.monotonic() + DISCOVERY_S, 0.0
-    heard: set[int] = set()
+    heard: dict[int, str] = {}
     while (now_s := time.monotonic()) < end_s:
         for link, codec in zip(links, codecs, strict=True):
             if now_s >= beat_s:  # where we send first, nobody knows of us before that
@@ -171,6 +173,8 @@ async def find_vehicle(links: Sequence[ByteLink], drone: int, system: int) -> Ve
                 return found
         beat_s = now_s + _HEARTBEAT_S if now_s >= beat_s else beat_s
         await asyncio.sleep(_TURN_S)
+    if heard.get(drone):
+        raise VehicleError(f"drone {drone}: {heard[drone]}")
     others = f"; heard there: {', '.join(map(str, sorted(heard)))}" if heard else "; nobody else either"
     problems = "".join(f"; {link.problem}" for link in links if link.problem and not heard)
     names = ", ".join(link.describe for link in links)
@@ -178,21 +182,21 @@ async def find_vehicle(links: Sequence[ByteLink], drone: int, system: int) -> Ve
 
 
 def _heard(
-    now_s: float, link: ByteLink, codec: MavlinkCodec, drone: int, heard: set[int]
+    now_s: float, link: ByteLink, codec: MavlinkCodec, drone: int, heard: dict[int, str]
 ) -> VehicleLink | None:
+    """The autopilot of `drone`, once it is heard. `heard` takes the systems that are, and why one is none of ours."""
     for frame, message in codec.receive_frames(now_s, link.read()):
         if message is None or message.kind != mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             continue
         state = VehicleState(message.system, message.component, None)
         state.accept(now_s, message)
+        unfit = vehicle_state.why_not_flown(message.fields)
+        if unfit and state.role is Role.OTHER and message.component == vehicle_state.AUTOPILOT_COMPONENT:
+            heard.setdefault(message.system, unfit)
         if state.role is not Role.AUTOPILOT:
             continue
-        heard.add(message.system)
+        heard[message.system] = ""
         if message.system == drone:
-            if state.flavour is Flavour.UNKNOWN:
-                kind = mavlink.enums["MAV_AUTOPILOT"].get(state.autopilot_type)
-                name = kind.name.removeprefix("MAV_AUTOPILOT_").lower() if kind else state.autopilot_type
-                raise VehicleError(f"drone {drone}: neither an ArduPilot nor a PX4 (it says {name})")
             found = VehicleLink(link, codec, state)
             found.heartbeat = frame
             return found

@@ -101,7 +101,7 @@ def test_another_autopilot_under_our_ids_is_told_and_taken_only_when_ours_is_los
         (
             mavlink.MAV_TYPE_GROUND_ROVER,
             mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
-            "vehicle type 10 (MAV_TYPE) is not",
+            "vehicle type 10 (MAV_TYPE) is nothing that flies",
         ),
         (mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_GENERIC, "type 0 is neither ArduPilot nor PX4"),
     ],
