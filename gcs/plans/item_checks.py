@@ -45,6 +45,15 @@ _NUMBERS: Final = {
 }  # fmt: skip
 """Parameters without which a command means nothing, from MAV_CMD's own descriptions: turns, seconds, speeds,
 channels. For others "not set" is a value that the autopilot understands."""
+_RANGES: Final = {
+    (16, 1): (0.0, 65535.0, "seconds to wait"),
+    (19, 1): (0.0, 65535.0, "seconds to loiter"),
+    (93, 1): (-1.0, 86400.0, "seconds to wait"),
+    (112, 1): (0.0, 65535.0, "seconds to wait"),
+    (177, 2): (-1.0, 32767.0, "times to jump"),
+    (178, 2): (-2.0, 100.0, "m/s, or -1 and -2 for what it is and its default"),
+}
+"""(command, parameter): what autopilots keep of it, or a multicopter does."""
 _JUMP, _TAG, _JUMP_TO_TAG = 177, 600, 601
 _LARGEST_FLOAT: Final = 3.4028234e38
 _INT32: Final = range(-(1 << 31), 1 << 31)
@@ -117,6 +126,10 @@ def _number_problems(item: PlanItem) -> Iterator[str]:
     for position, value in enumerate(item.params, 1):
         if value is None:
             continue
+        least, most, meaning = _RANGES.get((item.command, position), (-math.inf, math.inf, ""))
+        if not least <= value <= most:
+            yield f"parameter {position} is {value:g}, and is {least:g} to {most:g} {meaning}"
+            continue
         whole = position in (5, 6) and item.frame == MISSION_FRAME
         if whole and not (float(value).is_integer() and int(value) in _INT32):
             yield f"parameter {position} is {value:.10g}, and frame MISSION carries whole numbers of 32 bits there"
@@ -154,5 +167,5 @@ def _jump_problems(items: Sequence[PlanItem]) -> Iterator[str]:
         elif target == item.jump_id:
             yield f"{name}: it jumps to itself"
         repeat = item.params[1]
-        if repeat is not None and (repeat < -1 or not float(repeat).is_integer()):
+        if repeat is not None and not float(repeat).is_integer():
             yield f"{name}: it jumps {repeat:g} times; write a whole number, or -1 for ever"

@@ -59,11 +59,13 @@ class _Mission(msgspec.Struct, rename="camel"):
     hover_speed: float | None = None
     firmware_type: int | None = None
     vehicle_type: int | None = None
+    version: int = 2
 
 
 class _Polygon(msgspec.Struct):
     polygon: tuple[Vertex, ...]
-    inclusion: bool = True
+    inclusion: bool | None = None
+    version: int = 1
 
 
 class _Round(msgspec.Struct):
@@ -73,7 +75,8 @@ class _Round(msgspec.Struct):
 
 class _Circle(msgspec.Struct):
     circle: _Round
-    inclusion: bool = True
+    inclusion: bool | None = None
+    version: int = 1
 
 
 class _Fence(msgspec.Struct, rename="camel"):
@@ -84,9 +87,11 @@ class _Fence(msgspec.Struct, rename="camel"):
     circle: Any = None
     """... and the autopilot's own circle about home, as a radius."""
     breach_return: Any = None
+    version: int = 2
 
 
 class _Rally(msgspec.Struct):
+    version: int = 2
     points: tuple[tuple[float, float, float], ...] = ()
 
 
@@ -151,6 +156,7 @@ def plan_of(content: dict[str, Any], file: str) -> Plan:
 def _plan(content: dict[str, Any], file: str) -> Plan:
     raw = converted(content, _File, file)
     mission = raw.mission
+    _check_versions(raw, file)
     warnings = list(_unread(content))
     fence = _fence(raw.geo_fence, file, warnings) if raw.geo_fence else None
     return Plan(
@@ -167,6 +173,24 @@ def _plan(content: dict[str, Any], file: str) -> Plan:
         vehicle_type=mission.vehicle_type,
         warnings=tuple(warnings),
     )
+
+
+def _check_versions(raw: _File, file: str) -> None:
+    parts = [("mission", raw.mission.version, 2)]
+    if raw.geo_fence is not None:
+        fence = raw.geo_fence
+        parts.append(("geoFence", fence.version, 2))
+        parts += [(f"geoFence.polygons[{i}]", area.version, 1) for i, area in enumerate(fence.polygons)]
+        parts += [(f"geoFence.circles[{i}]", area.version, 1) for i, area in enumerate(fence.circles)]
+    if raw.rally_points is not None:
+        parts.append(("rallyPoints", raw.rally_points.version, 2))
+    for field, version, newest in parts:
+        if not 1 <= version <= newest:
+            raise DocumentError(
+                file,
+                f"version {version}; this software reads versions up to {newest}",
+                field=f"{field}.version",
+            )
 
 
 # --- before there were plans: .mission files, of missions only ---
@@ -324,7 +348,7 @@ def _fence(raw: _Fence, file: str, warnings: list[str]) -> Geofence | None:
         )
     polygons = list(raw.polygons)
     if raw.polygon:
-        polygons.append(_Polygon(raw.polygon))
+        polygons.append(_Polygon(raw.polygon, inclusion=True))
     if not polygons and not raw.circles:
         return None
     for index, circle in enumerate(raw.circles):
@@ -333,6 +357,16 @@ def _fence(raw: _Fence, file: str, warnings: list[str]) -> Geofence | None:
                 file,
                 f"a radius must be above 0 m and at most {WIDEST_M / 1000.0:g} km; it is {circle.circle.radius:g} m",
                 field=f"geoFence.circles[{index}].circle.radius",
+            )
+
+    kinds = [(f"polygons[{index}]", polygon.inclusion) for index, polygon in enumerate(raw.polygons)]
+    kinds += [(f"circles[{index}]", circle.inclusion) for index, circle in enumerate(raw.circles)]
+    for field, inclusion in kinds:
+        if inclusion is None:
+            raise DocumentError(
+                file,
+                "is missing; write true for an area to stay inside of, false for one to stay out of",
+                field=f"geoFence.{field}.inclusion",
             )
 
     def rounds(inclusion: bool) -> tuple[Circle, ...]:

@@ -55,7 +55,9 @@ def test_good_items_are_good() -> None:
         (jump(2.5), "it jumps to item 2.5"),
         (jump(3), "item 3 (DO_JUMP): it jumps to itself"),
         (jump(2, 1.5), "it jumps 1.5 times"),
-        (jump(2, -2), "it jumps -2 times"),
+        (jump(2, -2), "parameter 2 is -2, and is -1 to 32767 times to jump"),
+        (item(p1=-5.0), "parameter 1 is -5, and is 0 to 65535 seconds to wait"),
+        (item(178, 2, p1=1.0, p2=300.0), "parameter 2 is 300, and is -2 to 100 m/s"),
         (jump(None), "parameter 1 is not set"),
         (item(601, 2, p1=5.0), "item 3 (DO_JUMP_TAG): it jumps to the tag 5"),
         (item(60000), "item 3 (command 60000): command 60000 does not exist in MAVLink"),
@@ -67,8 +69,8 @@ def test_good_items_are_good() -> None:
         (item(frame=2), "frame MISSION is for commands without a place"),
         (item(178, 2, p1=1.0, p2=None), "parameter 2 is not set"),
         (
-            item(p1=16777217.0),
-            "parameter 1 is 16777217, and MAVLink's numbers carry 24 bits: it would become 16777216",
+            item(p2=16777217.0),
+            "parameter 2 is 16777217, and MAVLink's numbers carry 24 bits: it would become 16777216",
         ),
         (item(p2=1e39), "parameter 2 is 1e+39, more than MAVLink carries"),
         (item(205, 2, p5=0.5), "parameter 5 is 0.5, and frame MISSION carries whole numbers"),
@@ -166,6 +168,7 @@ def test_rally_points_and_take_offs_have_altitudes_too() -> None:
     )
     assert "under the launch" in errors(item(), rally=(Geodetic(47.0, 8.0, 0.0),))[0]
     high = PlanItem(command=22, frame=3, params=(0.0, None, None, None, 0.0, 0.0, 500.0))
+    assert "under the launch" in errors(msgspec.structs.replace(high, params=(*high.params[:6], 0.0)))[0]
     assert errors(high) == ("item 2 is 500 m above home, over the ceiling of 120 m",)
 
 
@@ -176,6 +179,12 @@ def test_an_inclusion_inside_another_is_probably_an_exclusion() -> None:
     assert "inclusion polygon 1 lies within inclusion polygon 0" in check_plan(plan, "a.plan").warnings[0]
     apart = Geofence(inclusion=(outer, tuple((a + 0.1, b) for a, b in inner)))
     assert check_plan(msgspec.structs.replace(plan, geofence=apart), "a.plan").warnings == ()
+
+
+def test_a_polygon_that_ardupilot_cannot_count_is_told() -> None:
+    ring = tuple((47.0 + math.sin(i / 50.0) / 100, 8.0 + math.cos(i / 50.0) / 100) for i in range(300))
+    check = check_plan(Plan(home=HOME, geofence=Geofence(inclusion=(ring,))), "a.plan")
+    assert check.warnings == ("a geofence polygon of 300 vertices: ArduPilot takes 255; draw it simpler",)
 
 
 def test_home_at_0_0_is_none() -> None:

@@ -86,7 +86,7 @@ def vertex(row: int, latitude: float, *, of: float = 3, command: int = 5001) -> 
         ([vertex(0, 47.1), vertex(1, 47.2, of=4), vertex(2, 47.3)], "w.txt:3: row 1: the polygon of 3"),
         (
             [vertex(0, 47.1, of=2), vertex(1, 47.2, of=2)],
-            "how many vertices its polygon has, 3 to 255; here it is 2",
+            "how many vertices its polygon has, 3 to 65535; here it is 2",
         ),
         ([vertex(0, 47.1, of=float("nan"))], "here it is NaN"),
         ([vertex(0, 47.1, of=3.5)], "here it is 3.5"),
