@@ -71,8 +71,13 @@ def clashes(claims: Iterable[Claim]) -> Iterator[tuple[str, str]]:
         other = next((one for one in before if claim.clashes(one)), None)
         if other is not None:
             what = "device" if claim.kind == "device" else "port"
-            how = "stands twice" if claim.written == other.written else f"is the same {what} as {other.written}"
-            yield claim.field, f"{claim.written} {how}: {other.field} has that {what} already; give each its own"
+            how = (
+                "stands twice" if claim.written == other.written else f"is the same {what} as {other.written}"
+            )
+            yield (
+                claim.field,
+                f"{claim.written} {how}: {other.field} has that {what} already; give each its own",
+            )
         before.append(claim)
 
 

@@ -149,7 +149,7 @@ def parse_survey(
 
 
 _FAULT = re.compile(
-    r"^(?:(?P<instrument>[A-Za-z0-9_]+)-)?(?P<kind>unplug|gps[_-]loss|battery[_-]low|motor|silence)"
+    r"^(?:(?P<instrument>[A-Za-z0-9_]+)-)?(?P<kind>unplug|gps[_-]loss|battery[_-]low|motor|tumble|silence)"
     r":(?P<drone>\d+)@(?P<at>\d+(?:\.\d+)?)(?:-(?P<until>\d+(?:\.\d+)?))?$"
 )
 
@@ -160,7 +160,7 @@ def parse_fault(text: str) -> FaultSpec:
     if match is None or (match["kind"] == "unplug") != (match["instrument"] is not None):
         raise DocumentError(
             f"--fault {text}",
-            "write INSTRUMENT-unplug:DRONE@SECONDS, or gps-loss, battery-low, motor or silence "
+            "write INSTRUMENT-unplug:DRONE@SECONDS, or gps-loss, battery-low, motor, tumble or silence "
             "instead of INSTRUMENT-unplug, with -SECONDS behind if it mends itself",
         )
     fault: FaultSpec = msgspec.convert(

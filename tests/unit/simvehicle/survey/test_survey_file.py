@@ -61,7 +61,7 @@ def test_a_file_that_is_not_there() -> None:
 
 
 def test_a_file_that_is_not_text(tmp_path: pathlib.Path) -> None:
-    (tmp_path / "survey.yaml").write_bytes(b"\xff\xfe\x00")
+    (tmp_path / "survey.yaml").write_bytes(b"\xfa\xfe\x00")
     with pytest.raises(DocumentError, match="not UTF-8"):
         load(tmp_path / "survey.yaml")
 
