@@ -12,6 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from mission.documents.flight_plan import (
     FRAMES,
+    GLOBAL_FRAMES,
     LOCAL_FRAMES,
     MISSION_FRAME,
     MOVING_FRAMES,
@@ -35,6 +36,8 @@ _OTHER_LISTS: Final = {
 """Commands of the geofence and of the rally points, which are lists of their own."""
 _PLACES: Final = frozenset({16, 17, 18, 19, 22, 31, 82, 84, 94})
 """Commands whose parameters 5 to 7 are a place or at least an altitude over something."""
+_GOES: Final = _PLACES - {22, 84}
+"""Those that do not start where the vehicle stands."""
 _WINGED: Final = frozenset({30, 83, 3000})
 """NAV_CONTINUE_AND_CHANGE_ALT, NAV_ALTITUDE_WAIT, DO_VTOL_TRANSITION."""
 _COPTERS: Final = frozenset({0, 2, 3, 4, 13, 14, 15, 29, 35, 43})
@@ -91,13 +94,23 @@ def item_problems(plan: Plan) -> Iterator[str]:
 
 
 def item_warnings(plan: Plan) -> Iterator[str]:
-    """What is sent otherwise than the file says."""
+    """What is sent otherwise than the file says, or means two things."""
     for number, item in enumerate(plan.items, 1):
         if item.frame in LOCAL_FRAMES and plan.home is not None:
             yield (
                 f"{item_name(number, item)}: metres about home (frame {FRAMES[item.frame]}), which autopilots do not "
                 "take: it goes up as latitude and longitude about the planned home position"
             )
+
+        if _is_nowhere(item):
+            yield (
+                f"{item_name(number, item)}: it is at 0, 0: to ArduPilot that is where the vehicle is then, to PX4 a "
+                "place in the sea; write the place"
+            )
+
+
+def _is_nowhere(item: PlanItem) -> bool:
+    return item.command in _GOES and item.frame in GLOBAL_FRAMES and item.params[4:6] == (0.0, 0.0)
 
 
 def _command_problems(item: PlanItem) -> Iterator[str]:

@@ -59,7 +59,7 @@ def parse_any(text: str, file: str) -> Plan:
         return parse_waypoints(text, file)
     if start.startswith("<"):
         return parse_kml(text, file)
-    if start.startswith(("{", "[")):
+    if start.startswith(("{", "[", "//", "/*")):
         return _of_json(json_object(text, file), file)
     if is_fence_lines(text):
         return parse_fence_lines(text, file)

@@ -102,6 +102,13 @@ def test_a_fence_from_another_file_is_a_fence_like_any_other(folder: pathlib.Pat
     assert (len(from_plan.geofence.inclusion[0]), len(from_kml.geofence.inclusion[0])) == (4, 3)
 
 
+def test_the_name_alone_will_do(folder: pathlib.Path) -> None:
+    file = folder / "drone_fence_of_kml.yaml"
+    fence = load(file).geofence
+    file.write_text(file.read_text().replace("{file: fence.kml}", "fence.kml"))
+    assert load(file).geofence == fence
+
+
 def test_what_the_fence_s_file_holds_besides_is_told(
     folder: pathlib.Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -126,7 +133,8 @@ def test_what_the_fence_s_file_holds_besides_is_told(
         ),
         ("{file: ''}", "geofence.file"),
         ("{file: 5}", "geofence.file: Expected `str | null`, got `int`"),
-        ("fence.kml", "geofence: Expected `object | null`, got `str`"),
+        ("none.kml", "drone_fence_of_plan.yaml:17: geofence: {folder}/none.kml: cannot be read"),
+        ("[fence.kml]", "geofence: Expected `str | object | null`, got `array`"),
     ],
 )
 def test_a_fence_that_is_none_is_refused_at_its_line(folder: pathlib.Path, fence: str, words: str) -> None:

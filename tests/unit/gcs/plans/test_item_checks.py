@@ -187,6 +187,11 @@ def test_a_polygon_that_ardupilot_cannot_count_is_told() -> None:
     assert check.warnings == ("a geofence polygon of 300 vertices: ArduPilot takes 255; draw it simpler",)
 
 
+def test_a_waypoint_at_0_0_means_two_things() -> None:
+    check = check_plan(Plan(items=(TAKE_OFF, item(p5=0.0, p6=0.0)), home=HOME), "a.plan")
+    assert next(w for w in check.warnings if "0, 0" in w).startswith("item 2 (NAV_WAYPOINT): it is at 0, 0")
+
+
 def test_home_at_0_0_is_none() -> None:
     check = check_plan(Plan(items=(TAKE_OFF, item()), home=Geodetic(0.0, 0.0)), "a.plan")
     assert check.errors == ()
