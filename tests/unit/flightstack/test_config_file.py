@@ -52,7 +52,9 @@ LIMIT = "  separation_m: 4.0"
         ("RTL_ALT: 1500", "X: 16777217", "24 bits"),
         ("RTL_ALT: 1500", "X: 1e40", "no number to work with"),
         ("RTL_ALT: 1500", "RTL_ALT: '1500'", "Expected `float`, got `str`"),
-        ("RTL_ALT: 1500", "RTL_ALT: true", "Expected `float`, got `bool`"),
+        ("RTL_ALT: 1500", "RTL_ALT: true", ":13: autopilot.parameters.RTL_ALT: Expected `float`, got `bool`"),
+        ("GUID_TIMEOUT: 1", "GUID_TIMEOUT: null", ":13: autopilot.parameters.GUID_TIMEOUT: Expected `float`"),
+        ("RTL_ALT: 1500", "rtl_alt: 1500", "in capitals: RTL_ALT"),
         (
             "RTL_ALT: 1500",
             "RTL_ALT: 9000",
