@@ -16,6 +16,7 @@ from flightstack.mavlink.codec import MavlinkCodec, MavlinkMessage
 from flightstack.mavlink.commands import heartbeat, set_mode
 from flightstack.mavlink.message_rates import StreamRequests
 from flightstack.mavlink.modes import Flavour, mode_of
+from flightstack.mavlink.role import AUTOPILOT_COMPONENT
 from flightstack.swarm import topics
 from flightstack.swarm.topics import Received, Topic
 from flightstack.swarm.wire import (
@@ -164,7 +165,7 @@ class Station:
                 self._timeline.append(TimelineEntry(f"/statustext/{system}", text))
                 if text.severity > mavlink.MAV_SEVERITY_WARNING or not self.fleet.is_member(system):
                     continue
-                if number == vehicle_state.AUTOPILOT_COMPONENT:
+                if number == AUTOPILOT_COMPONENT:
                     self._texts.hear(now_s, link, system, text)
                 else:
                     self._event(Severity.WARNING, system, "statustext", f"component {number}: {text.text}")

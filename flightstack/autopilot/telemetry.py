@@ -1,6 +1,6 @@
 """The agent's own vehicle: what every client reads of one, and what only the agent needs of it.
 
-Only messages of one component count: the autopilot of our own system id (`vehicle_state.role_of`).
+Only messages of one component count: the autopilot of our own system id (`flightstack.mavlink.role`).
 """
 
 from __future__ import annotations
@@ -15,14 +15,11 @@ from flightstack.autopilot.report import TakenBy, VehicleReport
 from flightstack.mavlink import vehicle_state
 from flightstack.mavlink.codec import MavlinkMessage
 from flightstack.mavlink.modes import COPTER_TYPES, FLAVOURS, Duty, Flavour, mode_of
+from flightstack.mavlink.role import AUTOPILOT_COMPONENT, Role, role_of, why_not_flown
 from flightstack.mavlink.statustext import StatusText
 from flightstack.mavlink.vehicle_state import (
-    AUTOPILOT_COMPONENT,
     HEARTBEAT_LOST_S,
-    Role,
     VehicleState,
-    role_of,
-    why_not_flown,
 )
 from mission.geometry.frames import LocalFrame, Vector3, wind_from
 

@@ -6,7 +6,6 @@ link; who is listened to is its owner's choice.
 
 from __future__ import annotations
 
-import enum
 import math
 from collections.abc import Callable
 from typing import Any, Final
@@ -19,13 +18,13 @@ from flightstack.mavlink.dialect import EventMessage
 from flightstack.mavlink.modes import (
     COPTER_TYPES,
     FLAVOURS,
-    FLYING_TYPES,
     Duty,
     Flavour,
     mode_name,
     mode_of,
 )
 from flightstack.mavlink.px4_events import Px4Events
+from flightstack.mavlink.role import Role, role_of
 from flightstack.mavlink.statustext import StatusText, TextAssembler
 from mission.geometry.frames import Geodetic, LocalFrame, Vector3
 
@@ -54,7 +53,6 @@ STATES: Final = frozenset(
     )
 )
 """The messages of which the newest is kept."""
-AUTOPILOT_COMPONENT: Final = mavlink.MAV_COMP_ID_AUTOPILOT1
 
 EVENTS: Final = frozenset(
     (mavlink.MAVLINK_MSG_ID_STATUSTEXT, mavlink.MAVLINK_MSG_ID_COMMAND_ACK, EventMessage.id)
@@ -65,42 +63,6 @@ _POS_HORIZ_ABS = mavlink.EKF_POS_HORIZ_ABS
 _CONST_POS_MODE = mavlink.EKF_CONST_POS_MODE
 assert mavlink.ESTIMATOR_POS_HORIZ_ABS == _POS_HORIZ_ABS  # noqa: S101 (both autopilots share these two bits)
 assert mavlink.ESTIMATOR_CONST_POS_MODE == _CONST_POS_MODE  # noqa: S101
-
-
-class Role(enum.StrEnum):
-    """What a component is, by its ids and its own heartbeat."""
-
-    UNKNOWN = "unknown"
-    AUTOPILOT = "autopilot"
-    COMPANION = "companion"
-    GROUND = "ground"
-    OTHER = "other"
-
-
-def role_of(system: int, component: int, heartbeat: Any) -> Role:
-    """Who sent this heartbeat.
-
-    Receivers, gimbals, cameras, companions and ground stations share links and even system ids with a vehicle, some
-    claim an autopilot, and what they send says nothing about the vehicle. An autopilot is component 1, of a flavour
-    that we know, in something that flies (`docs/decisions/0012-who-is-an-autopilot.md`). System id 0 is everybody's,
-    and so nobody's.
-    """
-    if heartbeat.type == mavlink.MAV_TYPE_GCS:
-        return Role.GROUND
-    if component == AUTOPILOT_COMPONENT and system != 0 and not why_not_flown(heartbeat):
-        return Role.AUTOPILOT
-    if heartbeat.type == mavlink.MAV_TYPE_ONBOARD_CONTROLLER:
-        return Role.COMPANION
-    return Role.OTHER
-
-
-def why_not_flown(heartbeat: Any) -> str:
-    """Why whoever sends this is no autopilot of an aircraft that we know; empty if it is one."""
-    if heartbeat.autopilot not in FLAVOURS:
-        return f"autopilot type {heartbeat.autopilot} is neither ArduPilot nor PX4"
-    if heartbeat.type not in FLYING_TYPES:
-        return f"vehicle type {heartbeat.type} (MAV_TYPE) is nothing that flies"
-    return ""
 
 
 class VehicleState:

@@ -12,8 +12,9 @@ from typing import Any, Final, NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.mavlink.codec import MavlinkMessage
+from flightstack.mavlink.role import Role
 from flightstack.mavlink.statustext import StatusText
-from flightstack.mavlink.vehicle_state import Role, VehicleState
+from flightstack.mavlink.vehicle_state import VehicleState
 from mission.geometry.frames import LocalFrame
 
 _TEXTS_KEPT: Final = 100

@@ -14,7 +14,8 @@ from typing import Literal, TypeAlias
 import msgspec
 
 from flightstack.mavlink.codec import MavlinkMessage
-from flightstack.mavlink.vehicle_state import HEARTBEAT_LOST_S, Role
+from flightstack.mavlink.role import Role
+from flightstack.mavlink.vehicle_state import HEARTBEAT_LOST_S
 from flightstack.swarm import topics
 from flightstack.swarm.admission import ANYBODY, Admission, Message, Refusal, RefusalKind
 from flightstack.swarm.topics import Received

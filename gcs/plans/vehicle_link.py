@@ -20,8 +20,9 @@ from flightstack.mavlink.exchanges import Answer
 from flightstack.mavlink.framing import MavlinkFrame
 from flightstack.mavlink.link import ByteLink, open_link
 from flightstack.mavlink.modes import Flavour
+from flightstack.mavlink.role import AUTOPILOT_COMPONENT, Role, why_not_flown
 from flightstack.mavlink.statustext import StatusText
-from flightstack.mavlink.vehicle_state import Role, VehicleState
+from flightstack.mavlink.vehicle_state import VehicleState
 from gcs.errors import GroundError
 from mission.geometry.frames import Geodetic
 
@@ -190,8 +191,8 @@ def _heard(
             continue
         state = VehicleState(message.system, message.component, None)
         state.accept(now_s, message)
-        unfit = vehicle_state.why_not_flown(message.fields)
-        if unfit and state.role is Role.OTHER and message.component == vehicle_state.AUTOPILOT_COMPONENT:
+        unfit = why_not_flown(message.fields)
+        if unfit and state.role is Role.OTHER and message.component == AUTOPILOT_COMPONENT:
             heard.setdefault(message.system, unfit)
         if state.role is not Role.AUTOPILOT:
             continue

@@ -8,7 +8,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from flightstack.mavlink import vehicle_state
 from flightstack.mavlink.codec import MavlinkCodec
 from flightstack.mavlink.modes import Duty, Flavour
-from flightstack.mavlink.vehicle_state import Role, VehicleState, role_of
+from flightstack.mavlink.role import Role, role_of
+from flightstack.mavlink.vehicle_state import VehicleState
 from mission.geometry.frames import Geodetic, LocalFrame
 
 HOME = Geodetic(-5.06, 151.3, 512.0)

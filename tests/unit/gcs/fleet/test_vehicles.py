@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.mavlink import vehicle_state
 from flightstack.mavlink.codec import MavlinkCodec
-from flightstack.mavlink.vehicle_state import Role
+from flightstack.mavlink.role import Role
 from gcs.fleet.vehicles import Source, Vehicles
 
 
