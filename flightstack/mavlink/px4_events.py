@@ -193,9 +193,7 @@ class Px4Events:
         ]
         texts = list(dict.fromkeys(failed))
         told = {*texts, *(check.text for check in errors if check.number in _NO_SETPOINTS)}
-        self._waiting = [
-            w for w in self._waiting if w.source is not _Source.CHECK or w.text.text not in told
-        ]
+        self._waiting = [w for w in self._waiting if w.source is not _Source.CHECK or w.text.text not in told]
         self._told += [(now_s + TWIN_S, text) for text in texts if not self._drop_text(text)]
         return f" ({'; '.join(texts)})" if texts else ""
 

@@ -30,6 +30,8 @@ class StreamStyle:
     unknown_request: int
     nothing_yet: int
     """MAV_RESULT for the request of a message of which there is nothing to tell yet."""
+    unseen: frozenset[int] = frozenset()
+    """Messages that it takes intervals for, and that are not simulated."""
     series: Mapping[int, Callable[[int], Sequence[Any]]] = dataclasses.field(default_factory=dict)
     """Messages that are many: by id what comes of the request for one of them, or (0) for all."""
 
@@ -81,7 +83,7 @@ class MessageStreams:
     def _set_interval(self, command: ReceivedCommand) -> int:
         message_id, interval_us = command.whole(0), command.params[1]
         if message_id not in self.messages:
-            return self._style.unknown_interval
+            return ACCEPTED if message_id in self._style.unseen else self._style.unknown_interval
         interval_s: float | None
         if interval_us < 0:
             interval_s = None

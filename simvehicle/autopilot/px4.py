@@ -40,9 +40,14 @@ _CAPABILITIES = 0xE8FF
 _VERSION = 1 << 24 | 16 << 16 | 64
 """1.16.0, alpha."""
 _NO_MISSION = 65535
+_LANDED_AFTER_S = 4.2
+"""From touching the ground to being sure of it, as recorded: PX4 goes by way of "maybe landed"."""
 _REACHED_AGAIN_S, _REACHED_TIMES = 1.0, 10
 """MISSION_ITEM_REACHED is repeated: it may have been lost."""
 _IGNORES_ALL = 0x3F
+
+_UNSEEN = frozenset((2, 4, 8, 83, 111, 331, 380, 12901, 12904))
+"""PING, TIMESYNC, ODOMETRY and others that the recorded one sends besides."""
 
 _FIRST_STREAMS_S = {
     mavlink.MAVLINK_MSG_ID_ALTITUDE: 1.0,
@@ -231,6 +236,7 @@ def _build(parts: SharedParts) -> Personality:
     def back() -> Return:
         return px4_parameters.return_to_launch(parameters, flight)
 
+    flight.landed_after_s = _LANDED_AFTER_S
     missions = MissionStyle(first=0, arrival_m=lambda: parameters["NAV_ACC_RAD"], back=back)
     progress = MissionProgress(flight, parts.lists, missions)
     voice = Px4Voice(flight, announcer)
@@ -282,6 +288,7 @@ def _build(parts: SharedParts) -> Personality:
             unknown_interval=FAILED,
             unknown_request=UNSUPPORTED,
             nothing_yet=REJECTED,
+            unseen=_UNSEEN,
             series={AvailableModesMessage.id: available_modes},
         ),
         messages=_messages(parts.system, flight, parameters, modes, arming),
