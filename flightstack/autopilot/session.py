@@ -149,6 +149,8 @@ class AutopilotSession:
             refusal = self._request.complaint if self._request is not None else ""
             missing = sorted(self._streams.missing - _MAY_BE_ABSENT)
             notes = tuple(f"autopilot does not send {layout(kind).name}" for kind in missing)
+            if self._vehicle.is_contested(self._now_s):
+                notes = (*notes, "another autopilot speaks under our system id: every vehicle needs its own")
             notes += tuple(note for note in (self._warning, self._withheld) if note)
             self._report = self._vehicle.report(self._now_s, refusal, notes, self._stood_still_s)
         return self._report
@@ -227,6 +229,11 @@ class AutopilotSession:
         """In this tick, fly with this velocity. Raises ValueError if a number is not finite."""
         _check_finite("velocity", velocity_ned_mps, yaw_rad)
         self._target = VelocityRequest(velocity_ned_mps, yaw_rad)
+
+    def believe_crashed(self, how: str) -> None:
+        """The agent found out what the vehicle's own messages do not tell; it stands until the next arming."""
+        self._vehicle.believe_crashed(how)
+        self._report = None
 
     def _new_prepare(self) -> Prepare:
         return Prepare(self._now_s, self._vehicle, self._config.parameters, self._config.ready_timeout_s)

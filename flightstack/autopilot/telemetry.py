@@ -1,6 +1,6 @@
 """The agent's own vehicle: what every client reads of one, and what only the agent needs of it.
 
-Only messages of one component count: the one of our own system id whose heartbeat names an autopilot.
+Only messages of one component count: the autopilot of our own system id (`vehicle_state.role_of`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,14 @@ from flightstack.mavlink import vehicle_state
 from flightstack.mavlink.codec import MavlinkMessage
 from flightstack.mavlink.modes import COPTER_TYPES, FLAVOURS, Duty, Flavour, mode_of
 from flightstack.mavlink.statustext import StatusText
-from flightstack.mavlink.vehicle_state import Role, VehicleState, role_of
+from flightstack.mavlink.vehicle_state import (
+    AUTOPILOT_COMPONENT,
+    HEARTBEAT_LOST_S,
+    Role,
+    VehicleState,
+    role_of,
+    why_not_flown,
+)
 from mission.geometry.frames import LocalFrame, Vector3, wind_from
 
 PREARM_ROUND_S = 5.0
@@ -40,15 +47,15 @@ class Telemetry(VehicleState):
         """`flavour`: as configured; an autopilot of another one is none that we can fly. UNKNOWN: any."""
         self._configured_flavour = flavour
         self._chosen = False
-        super().__init__(system, mavlink.MAV_COMP_ID_AUTOPILOT1, frame)
+        super().__init__(system, AUTOPILOT_COMPONENT, frame)
         self._handlers |= {
             mavlink.MAVLINK_MSG_ID_WIND: self._wind_from,
             mavlink.MAVLINK_MSG_ID_WIND_COV: self._wind_vector,
             mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: self._named_value,
         }
         self.authority = Authority()
-        self.foreign_system: int | None = None
-        """The system id of an autopilot on this link that is not ours."""
+        self._unfit: tuple[str, float] | None = None
+        """Why what spoke in our autopilot's place is not taken for it, and when it did."""
         self.new_values: list[tuple[str, float]] = []
         self.new_wind: tuple[Vector3, float | None] | None = None
         """The newest wind estimate (NED, m/s) and its standard deviation since `clear_news`."""
@@ -72,20 +79,30 @@ class Telemetry(VehicleState):
         return True
 
     def _choose(self, now_s: float, message: MavlinkMessage) -> bool:
-        """Is this the heartbeat of our autopilot? The first one heard stays it until it is lost."""
-        if role_of(message.fields) is not Role.AUTOPILOT:
+        """Is this the heartbeat of our autopilot?"""
+        if message.component != self.component:
             return False
+        role = role_of(message.system, message.component, message.fields)
         if message.system != self.system:
-            self.foreign_system = message.system
+            if role is Role.AUTOPILOT:
+                text = (
+                    f"the autopilot on this link has system id {message.system}, this drone is {self.system}"
+                )
+                mend = f"set its SYSID_THISMAV (PX4: MAV_SYS_ID) to {self.system}"
+                self._unfit = (f"{text}: {mend}", now_s)
             return False
-        if self._chosen and message.component != self.component and self.is_connected(now_s):
+        if role is not Role.AUTOPILOT:
+            if role is Role.OTHER:
+                self._unfit = (why_not_flown(message.fields), now_s)
             return False
-        self._chosen, self.component = True, message.component
+        if not self.takes(now_s, message.fields):
+            return False
+        self._chosen = True
         return True
 
     def _heartbeat(self, now_s: float, fields: Any) -> None:
         super()._heartbeat(now_s, fields)
-        if self._configured_flavour not in (Flavour.UNKNOWN, self.flavour):
+        if self._configured_flavour not in (Flavour.UNKNOWN, self.flavour) or not self._is_copter:
             self.flavour = Flavour.UNKNOWN
         if not self.armed:
             self.has_flown = False
@@ -140,22 +157,23 @@ class Telemetry(VehicleState):
         """Where nothing tells, an armed vehicle stands on the ground: that is where it is armed."""
         return bool(self.flies(now_s))
 
+    @property
+    def _is_copter(self) -> bool:
+        """Whether we know how to fly it: what has wings is heard, and asked for nothing."""
+        return self.vehicle_type in COPTER_TYPES
+
     def unready_reason(self, now_s: float) -> str:
         """What stands against arming, "" if nothing that is known does."""
         if not self.is_connected(now_s):
-            if self.foreign_system is not None:
-                return (
-                    f"the autopilot on this link has system id {self.foreign_system}, this drone is "
-                    f"{self.system}: set its SYSID_THISMAV (PX4: MAV_SYS_ID) to {self.system}"
-                )
+            # Once ours was heard, others that pass by explain nothing.
+            if self._unfit is not None and not self._chosen and now_s - self._unfit[1] < HEARTBEAT_LOST_S:
+                return self._unfit[0]
             return "no heartbeat of the autopilot: check the cable, the baud rate and autopilot.link"
-        if self.flavour is Flavour.UNKNOWN:
-            told = FLAVOURS.get(self.autopilot_type)
-            if told is not None:
-                return f"autopilot.flavour says {self._configured_flavour}, the autopilot itself {told}"
-            return f"autopilot type {self.autopilot_type} is neither ArduPilot nor PX4"
-        if self.vehicle_type not in COPTER_TYPES:
+        if not self._is_copter:
             return f"vehicle type {self.vehicle_type} (MAV_TYPE) is not a multicopter or helicopter"
+        if self.flavour is Flavour.UNKNOWN:
+            told = FLAVOURS[self.autopilot_type]
+            return f"autopilot.flavour says {self._configured_flavour}, the autopilot itself {told}"
         return self._estimates_missing() or self._prearm_missing()
 
     def _estimates_missing(self) -> str:
@@ -226,6 +244,7 @@ class Telemetry(VehicleState):
             battery_voltage_v=self.battery_voltage_v,
             wind_ned_mps=wind_ned_mps,
             wind_sd_mps=wind_sd_mps,
+            crash=self.crash,
             failsafe=authority.failsafe,
             failsafe_reason=authority.failsafe_reason if authority.failsafe else "",
             named_values=tuple(self.new_values),

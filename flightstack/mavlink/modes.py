@@ -36,6 +36,25 @@ COPTER_TYPES = frozenset(
 )
 """HEARTBEAT.type of what can hover; ArduPilot numbers the modes of planes and rovers differently."""
 
+FLYING_TYPES = COPTER_TYPES | frozenset(
+    (
+        mavlink.MAV_TYPE_FIXED_WING,
+        mavlink.MAV_TYPE_AIRSHIP,
+        mavlink.MAV_TYPE_FLAPPING_WING,
+        mavlink.MAV_TYPE_VTOL_DUOROTOR,
+        mavlink.MAV_TYPE_VTOL_QUADROTOR,
+        mavlink.MAV_TYPE_VTOL_TILTROTOR,
+        mavlink.MAV_TYPE_VTOL_RESERVED2,
+        mavlink.MAV_TYPE_VTOL_RESERVED3,
+        mavlink.MAV_TYPE_VTOL_RESERVED4,
+        mavlink.MAV_TYPE_VTOL_RESERVED5,
+        mavlink.MAV_TYPE_PARAFOIL,
+        mavlink.MAV_TYPE_GENERIC_MULTIROTOR,
+        mavlink.MAV_TYPE_VTOL_GYRODYNE,
+    )
+)
+"""HEARTBEAT.type of every aircraft that an autopilot steers, in our sky whether or not we could fly it."""
+
 
 class Duty(enum.Enum):
     """What we want of a mode, whatever the autopilot calls it."""

@@ -13,11 +13,13 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from simvehicle.autopilot import ardupilot_parameters
 from simvehicle.autopilot.announcer import Announcer, TextStyle
 from simvehicle.autopilot.ardupilot_arming import ArduPilotArming
+from simvehicle.autopilot.ardupilot_avoidance import ArduPilotAvoidance
 from simvehicle.autopilot.ardupilot_commands import ArduPilotCommands
 from simvehicle.autopilot.ardupilot_estimate import ArduPilotEstimate
 from simvehicle.autopilot.ardupilot_failsafes import ArduPilotFailsafes
 from simvehicle.autopilot.ardupilot_fence import ArduPilotFence
 from simvehicle.autopilot.ardupilot_lists import ArduPilotLists
+from simvehicle.autopilot.ardupilot_mishaps import ArduPilotMishaps
 from simvehicle.autopilot.ardupilot_mode_control import ArduPilotModeControl
 from simvehicle.autopilot.ardupilot_modes import ArduPilotMode
 from simvehicle.autopilot.channel import Channel, ChannelPeer
@@ -104,6 +106,7 @@ class ArduPilotEvents:
         failsafes: ArduPilotFailsafes,
         arming: ArduPilotArming,
         fence: ArduPilotFence,
+        avoidance: ArduPilotAvoidance,
         pilot: ArduPilotPilot,
     ) -> None:
         self._flight = flight
@@ -113,14 +116,17 @@ class ArduPilotEvents:
         self._estimate = estimate
         self._modes = modes
         self._failsafes = failsafes
+        self._mishaps = ArduPilotMishaps(flight, parameters, announcer)
         self._arming = arming
         self._fence = fence
+        self._avoidance = avoidance
         self._pilot = pilot
 
     def slow_step(self, now_s: float) -> None:
         self._estimate.step()
         self._arming.prearm_texts()
         self._failsafes.step(now_s)
+        self._mishaps.step(now_s)
         self._arming.disarm_on_the_ground(now_s)
         self._flight.failsafe = self._failsafes.active
         self._pilot.step(now_s)
@@ -138,6 +144,9 @@ class ArduPilotEvents:
 
     def touched(self, impact_mps: float) -> None:
         self._announcer.say(_INFO, f"SIM Hit ground at {impact_mps:.6f} m/s")
+
+    def crashed(self, impact_mps: float) -> None:
+        """ArduCopter looks at its attitude alone: one that fell flat stays armed and believes that it flies."""
 
     def landed(self) -> None:
         self._modes.after_landing()
@@ -170,6 +179,9 @@ class ArduPilotEvents:
         elif message.type_mask & _IGNORES_VELOCITY:
             flight.maneuver = HoldPosition()
             return
+        elif motion.horizontal_mps is not None and motion.down_mps is not None:
+            adjusted = self._avoidance.adjusted(motion.horizontal_mps, motion.down_mps)
+            motion.horizontal_mps, motion.down_mps = adjusted
         if isinstance(flight.maneuver, Follow):
             flight.maneuver.renewed(motion, flight.now_s, face_travel=no_yaw)
         else:
@@ -264,7 +276,17 @@ def _build(parts: SharedParts) -> Personality:
         answers=AnswerStyle(),
         pilot=PilotInputs(pilot.may_fly, pilot.moved),
         events=ArduPilotEvents(
-            flight, parameters, announcer, progress, estimate, modes, failsafes, arming, fence, pilot
+            flight,
+            parameters,
+            announcer,
+            progress,
+            estimate,
+            modes,
+            failsafes,
+            arming,
+            fence,
+            ArduPilotAvoidance(flight, parameters, parts.fence),
+            pilot,
         ),
         switch_mode=modes.set_mode,
     )

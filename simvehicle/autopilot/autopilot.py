@@ -177,8 +177,7 @@ class Autopilot:
             self.personality.events.touched(impact_mps)
             if impact_mps > _CRASH_MPS:
                 self.flight.crashed = True
-                text = f"Crash: Disarming: hit the ground at {impact_mps:.1f} m/s"
-                self.flight.disarm(text, mavlink.MAV_SEVERITY_CRITICAL)
+                self.personality.events.crashed(impact_mps)
         if self.flight.settle(wanted_down_mps2):
             self.personality.events.landed()
 

@@ -50,6 +50,10 @@ class FlightEvents(Protocol):
         """The vehicle touched the ground at this speed."""
         ...
 
+    def crashed(self, impact_mps: float) -> None:
+        """It touched the ground too fast to fly again."""
+        ...
+
     def landed(self) -> None: ...
 
     def mission(self, told: Told, sequence: int) -> None:

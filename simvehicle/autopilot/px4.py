@@ -125,6 +125,10 @@ class Px4Events:
     def touched(self, impact_mps: float) -> None:
         """PX4 speaks up once it is sure that it has landed."""
 
+    def crashed(self, impact_mps: float) -> None:
+        text = f"Crash: Disarming: hit the ground at {impact_mps:.1f} m/s"
+        self._flight.disarm(text, mavlink.MAV_SEVERITY_CRITICAL)
+
     def landed(self) -> None:
         self._voice.tell("commander_landing_detected", _INFO, text="Landing detected")
 
