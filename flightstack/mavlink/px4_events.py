@@ -23,6 +23,8 @@ WARNING: Final = 4
 _LEAST: Final = 6
 """What is told: the levels below (debug, protocol, disabled) are not meant for people."""
 ALL_MODES: Final = 0xFFFFFFFF
+_MOST = 64
+"""Of anything that is kept: a real one has far less, whatever comes on a link."""
 _BEGIN, _END = event_id(REPORT_BEGIN), event_id(REPORT_END)
 _NO_SETPOINTS = frozenset(map(event_id, ("check_modes_offboard_signal", "check_modes_offboard_signal_lost")))
 _APPENDS_CHECKS = frozenset(
@@ -107,7 +109,7 @@ class Px4Events:
             return self._end_report(now_s, armed=armed)
         check = _check(number, severity, arguments, self._report is not None)
         if check is not None:
-            if self._report is not None:
+            if self._report is not None and len(self._report) < _MOST:
                 self._report.append(check)
             return []
         if severity > _LEAST:
@@ -137,16 +139,21 @@ class Px4Events:
             if is_twin:
                 self._waiting.remove(waiting)
                 return [text]
-        self._waiting.append(_Waiting(now_s + TWIN_S, text, _Source.TEXT))
+        self._wait(_Waiting(now_s + TWIN_S, text, _Source.TEXT))
         return []
 
     def expire(self, now_s: float) -> list[StatusText]:
         """What has waited for its twin in vain; call it every tick."""
+        if self._told:
+            self._told = [(until_s, told) for until_s, told in self._told[-_MOST:] if until_s > now_s]
         if not self._waiting:
             return []
         over = [waiting.text for waiting in self._waiting if waiting.until_s <= now_s]
         self._waiting = [waiting for waiting in self._waiting if waiting.until_s > now_s]
         return over
+
+    def _wait(self, waiting: _Waiting) -> None:
+        self._waiting = [*self._waiting[1 - _MOST :], waiting]
 
     def _tell(self, now_s: float, text: StatusText, told: str) -> list[StatusText]:
         """Tell a known event, and not the text that says `told`, whenever it comes."""
@@ -159,7 +166,7 @@ class Px4Events:
             if waiting.source is _Source.TEXT:
                 self._waiting.remove(waiting)
                 return [waiting.text]
-        self._waiting.append(_Waiting(now_s + TWIN_S, number, _Source.UNKNOWN))
+        self._wait(_Waiting(now_s + TWIN_S, number, _Source.UNKNOWN))
         return []
 
     def _drop_text(self, told: str) -> bool:
@@ -180,7 +187,7 @@ class Px4Events:
             if armed and check.number not in before and check.severity <= WARNING:
                 self._drop_text(check.text)
                 text = StatusText(check.severity, check.text)
-                self._waiting.append(_Waiting(now_s + TWIN_S, text, _Source.CHECK))
+                self._wait(_Waiting(now_s + TWIN_S, text, _Source.CHECK))
         return []
 
     def _causes(self, now_s: float, mode: int) -> str:

@@ -120,6 +120,7 @@ class VehicleState:
         self.autopilot_type = mavlink.MAV_AUTOPILOT_INVALID
         self.vehicle_type = mavlink.MAV_TYPE_GENERIC
         self.armed = False
+        self.system_status = mavlink.MAV_STATE_UNINIT
         self.custom_mode: int | None = None
         self.mode_since_s = 0.0
         """When the heartbeat first told the present mode."""
@@ -215,6 +216,7 @@ class VehicleState:
         self.autopilot_type = fields.autopilot
         self.vehicle_type = fields.type
         self.flavour = FLAVOURS.get(fields.autopilot, Flavour.UNKNOWN)
+        self.system_status = fields.system_status
         armed, self.armed = self.armed, bool(fields.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         if self.armed and not armed:
             self._crash = CrashWatch()
@@ -301,8 +303,9 @@ class VehicleState:
             self._told(now_s, text)
 
     def _event(self, now_s: float, fields: Any) -> None:
-        for text in self.events.event(now_s, fields, armed=self.armed):
-            self._text(now_s, text)
+        if self.flavour is Flavour.PX4:
+            for text in self.events.event(now_s, fields, armed=self.armed):
+                self._text(now_s, text)
 
     def _told(self, now_s: float, text: StatusText) -> None:
         """One whole status text; of an autopilot that sends events too, it may say what an event says."""
