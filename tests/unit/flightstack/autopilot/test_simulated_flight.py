@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import pathlib
+
 import pytest
 
 from flightstack.autopilot import AutopilotSession, TakenBy
 from flightstack.config import AutopilotConfig
+from flightstack.config_file import load
 from mission.geometry.frames import Geodetic, LocalFrame
 from simvehicle.drone.drone_spec import VehicleSpec
 from simvehicle.drone.simulated_vehicle import SimulatedVehicle
@@ -13,6 +16,7 @@ from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.world.configured import make_world
 from simvehicle.world.world_config import GaussianPlume
 
+EXAMPLE = pathlib.Path(__file__).parents[4] / "examples" / "drone_px4.yaml"
 ORIGIN = Geodetic(-5.06, 151.3, 500.0)
 TICK_S = 0.1
 PHYSICS_STEPS = 4
@@ -240,3 +244,13 @@ def test_a_lost_position_is_told_as_that():
     assert "blind descent (No valid position estimate" in flight.report.taken_reason
     flight.run(2.0)
     assert "No offboard signal" not in flight.texts
+
+
+def test_the_example_of_a_px4_drone_makes_it_safe():
+    config = load(EXAMPLE)
+    assert config.autopilot.flavour == "px4"
+    flight = Flight("px4", parameters=config.autopilot.parameters)
+    flight.until(lambda r: r.armed, flight.session.arm)
+    for name, value in config.autopilot.parameters.items():
+        assert flight.vehicle.autopilot.parameters[name] == value
+    assert flight.report.notes == ()
