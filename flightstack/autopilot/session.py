@@ -268,6 +268,9 @@ class AutopilotSession:
             self._next_heartbeat_s = (now_s if overdue else self._next_heartbeat_s) + HEARTBEAT_S
             messages.append(heartbeat(mavlink.MAV_TYPE_ONBOARD_CONTROLLER))
         messages += self._streams.step(now_s, self._vehicle)
+        messages += self._vehicle.events.sequence.requests(
+            now_s, self._vehicle.system, self._vehicle.component
+        )
         fallback = None
         request = self._request
         if request is not None:

@@ -11,6 +11,7 @@ import enum
 import re
 from typing import Any, Final, NamedTuple
 
+from flightstack.mavlink.event_sequence import Arrival, EventSequence
 from flightstack.mavlink.modes import px4_mode_bit
 from flightstack.mavlink.px4_event_table import CHECKS, REPORT_BEGIN, REPORT_END, TOLD, event_id
 from flightstack.mavlink.statustext import StatusText
@@ -73,6 +74,7 @@ class Px4Events:
         """What the newest report complains of."""
         self.can_arm_modes: int | None = None
         """Bit for bit the modes (`px4_mode_bit`) in which it could be armed; None before the first report."""
+        self.sequence = EventSequence()
         self._speaks = False
         """This autopilot sends events."""
         self._report: list[FailedCheck] | None = None
@@ -101,6 +103,10 @@ class Px4Events:
         self._speaks = True
         number, arguments = fields.id, bytes(fields.arguments)
         severity = fields.log_levels & 0x0F
+        arrival = self.sequence.take(fields.sequence)
+        # What comes late belongs to a report that is over.
+        if arrival is Arrival.KNOWN or (arrival is Arrival.LATE and (number == _BEGIN or number in CHECKS)):
+            return []
         if number == _BEGIN:
             self._report = []
             self.can_arm_modes = int.from_bytes(arguments[9:13], "little")

@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.mavlink.codec import MavlinkMessage
 from flightstack.mavlink.crash import CrashWatch
-from flightstack.mavlink.dialect import EventMessage
+from flightstack.mavlink.dialect import CurrentEventSequenceMessage, EventMessage
 from flightstack.mavlink.modes import (
     COPTER_TYPES,
     FLAVOURS,
@@ -51,6 +51,7 @@ STATES: Final = frozenset(
         mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
         mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
         mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
+        CurrentEventSequenceMessage.id,
     )
 )
 """The messages of which the newest is kept."""
@@ -141,6 +142,7 @@ class VehicleState:
             mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: self._estimator,
             mavlink.MAVLINK_MSG_ID_STATUSTEXT: self._statustext,
             EventMessage.id: self._event,
+            CurrentEventSequenceMessage.id: self._event_sequence,
         }
         self._forget()
 
@@ -306,6 +308,10 @@ class VehicleState:
         if self.flavour is Flavour.PX4:
             for text in self.events.event(now_s, fields, armed=self.armed):
                 self._text(now_s, text)
+
+    def _event_sequence(self, _now_s: float, fields: Any) -> None:
+        if self.flavour is Flavour.PX4:
+            self.events.sequence.told(fields.sequence)
 
     def _told(self, now_s: float, text: StatusText) -> None:
         """One whole status text; of an autopilot that sends events too, it may say what an event says."""

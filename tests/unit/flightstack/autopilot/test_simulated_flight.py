@@ -254,3 +254,23 @@ def test_the_example_of_a_px4_drone_makes_it_safe():
     for name, value in config.autopilot.parameters.items():
         assert flight.vehicle.autopilot.parameters[name] == value
     assert flight.report.notes == ()
+
+
+def test_a_text_that_was_lost_on_the_way_is_fetched():
+    flight = Flight("px4").take_off()
+    drain = flight.vehicle.drain
+    lost = []
+
+    def drain_without_events():
+        frames = drain()
+        lost.extend(data for _, data in frames if data[7] | data[8] << 8 == 410)
+        return [(link, data) for link, data in frames if data not in lost]
+
+    flight.vehicle.drain = drain_without_events
+    flight.session.land()
+    flight.run(3.0)
+    flight.vehicle.drain = drain
+    assert lost
+    assert "Landing at current position" not in flight.texts
+    flight.run(6.0)
+    assert "Landing at current position" in flight.texts
