@@ -176,6 +176,14 @@ def test_a_px4_that_returns_is_armed_and_its_cone_is_told():
     assert any(note.startswith("RTL_CONE_ANG is 45") for note in flight.report.notes)
 
 
+def test_a_px4_that_flies_on_for_long_without_its_companion_is_told():
+    flight = Flight("px4", parameters={"COM_OBL_RC_ACT": 3.0, "RTL_CONE_ANG": 0.0})
+    flight.vehicle.autopilot.parameters.set("COM_OF_LOSS_T", 30.0)
+    flight.until(lambda r: r.armed, flight.session.arm)
+    (note,) = flight.report.notes
+    assert note.startswith("COM_OF_LOSS_T is 30: for so many seconds it flies on if this computer fails")
+
+
 def test_what_the_drones_file_says_of_a_lost_computer_is_what_its_operator_wants():
     flight = Flight("px4", parameters={"COM_OBL_RC_ACT": 5.0, "RTL_CONE_ANG": 0.0})
     flight.until(lambda r: r.armed, flight.session.arm)
