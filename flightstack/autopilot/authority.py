@@ -34,7 +34,9 @@ _FAILSAFE_TEXT = re.compile(
     r"fail-?safe|breach|crash|thrust loss|motor failure|parachute|terminat|critical battery|link lost|signal lost",
     re.IGNORECASE,
 )
-_NOT_A_FAILSAFE = re.compile(r"clear(ed)?\b|^(pre)?arm:|^preflight|^arming denied|\boff\b", re.IGNORECASE)
+_NOT_A_FAILSAFE = re.compile(
+    r"clear(ed)?\b|^(pre)?arm:|^preflight|^arming denied|^failsafe warning|\boff\b", re.IGNORECASE
+)
 
 
 def is_failsafe_text(text: str) -> bool:

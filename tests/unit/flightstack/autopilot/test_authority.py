@@ -99,3 +99,9 @@ def test_an_ardupilot_does_not_come_back_by_itself() -> None:
     authority.heartbeat(2.0, Flavour.ARDUPILOT, True, 6, CRITICAL)
     assert authority.taken_by is TakenBy.AUTOPILOT
     assert not authority.resuming
+
+
+def test_a_warning_is_no_failsafe_and_explains_no_mode() -> None:
+    px4 = Followed()
+    px4.say("Failsafe warning: Low battery")
+    assert px4.beat(HOLD) is TakenBy.PILOT
