@@ -104,7 +104,7 @@ class AutopilotSession:
         self._prepared_boot: int | None = None
         self._target: Target | None = None
         self._withheld = ""
-        self._warning = ""
+        self._warnings: tuple[str, ...] = ()
         """What the newest arming found in the autopilot's parameters."""
         self._stood_still_s = 0.0
         self._report: VehicleReport | None = None
@@ -151,7 +151,9 @@ class AutopilotSession:
             notes = tuple(f"autopilot does not send {layout(kind).name}" for kind in missing)
             if self._vehicle.is_contested(self._now_s):
                 notes = (*notes, "another autopilot speaks under our system id: every vehicle needs its own")
-            notes += tuple(note for note in (self._warning, self._withheld) if note)
+            notes += self._warnings
+            if self._withheld:
+                notes = (*notes, self._withheld)
             self._report = self._vehicle.report(self._now_s, refusal, notes, self._stood_still_s)
         return self._report
 
@@ -268,6 +270,9 @@ class AutopilotSession:
             self._next_heartbeat_s = (now_s if overdue else self._next_heartbeat_s) + HEARTBEAT_S
             messages.append(heartbeat(mavlink.MAV_TYPE_ONBOARD_CONTROLLER))
         messages += self._streams.step(now_s, self._vehicle)
+        messages += self._vehicle.events.sequence.requests(
+            now_s, self._vehicle.system, self._vehicle.component
+        )
         fallback = None
         request = self._request
         if request is not None:
@@ -293,7 +298,7 @@ class AutopilotSession:
         self._newest = (request, now_s)
         self._results.append(request.result)
         if isinstance(request, Arm):
-            self._warning = request.precautions.warning
+            self._warnings = tuple(request.precautions.warnings)
         preparation = request.prepare if isinstance(request, Arm) else request
         if isinstance(preparation, Prepare) and preparation.result is not None:
             done = preparation.result.outcome is RequestOutcome.SUCCEEDED
