@@ -11,8 +11,9 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
-from flightstack.autopilot import AutopilotSession, TakenBy, VehicleReport
+from flightstack.autopilot import AutopilotSession, OwnFence, TakenBy, VehicleReport
 from flightstack.config import DroneConfig
+from flightstack.flight.fence_conflict import fence_conflict
 from flightstack.flight.guard import Guard, Guarded, PositionTarget
 from flightstack.flight.guidance import over_the_top, underneath
 from flightstack.flight.homecoming import Homecoming
@@ -96,7 +97,12 @@ class Agent:
         self.config = config
         self.frame = LocalFrame(config.origin)
         self.phase = FlightPhase(config.drone)
-        self._session = AutopilotSession(config.drone, self.frame, config.autopilot)
+        fence = LocalFence(self.frame, config.geofence) if config.geofence else None
+
+        def conflict(autopilots: OwnFence, home_ned_m: Vector3) -> str:
+            return fence_conflict(autopilots, home_ned_m, fence, config.limits, self.frame)
+
+        self._session = AutopilotSession(config.drone, self.frame, config.autopilot, conflict)
         self._sensing = Sensing(config.instruments, config.filters)
         self._relay = AutopilotRelay(config.instruments)
         self._layout = make_layout(config.formation.layout, config.formation.spacing_m)
@@ -109,7 +115,6 @@ class Agent:
             lost_after_s=config.limits.peer_lost_s,
             tick_s=1.0 / config.tick_hz,
         )
-        fence = LocalFence(self.frame, config.geofence) if config.geofence else None
         self._guard = Guard(config.limits, fence)
         layer = config.swarm.members.index(config.drone) % config.formation.layers
         self._layer_above_home_m = config.formation.above_home_m + config.formation.layer_gap_m * (layer + 1)

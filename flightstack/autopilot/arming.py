@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import enum
 import math
+from collections.abc import Callable
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.autopilot.mode_exchange import ModeExchange
+from flightstack.autopilot.own_fence import OwnFence, OwnFenceReading
 from flightstack.autopilot.requests import (
     ARMED_WITHIN_S,
     PRESS_DOWN,
@@ -22,6 +24,7 @@ from flightstack.autopilot.requests import (
 from flightstack.autopilot.telemetry import Telemetry
 from flightstack.mavlink.exchanges import Answer, CommandExchange
 from flightstack.mavlink.modes import Duty, Flavour
+from mission.geometry.frames import Vector3
 
 ARM_AGAIN_S = 2.0
 
@@ -42,9 +45,16 @@ class Arm(Request):
     needs_vehicle = True
 
     def __init__(
-        self, now_s: float, vehicle: Telemetry, prepare: Prepare | None, ready_timeout_s: float
+        self,
+        now_s: float,
+        vehicle: Telemetry,
+        prepare: Prepare | None,
+        ready_timeout_s: float,
+        fence_conflict: Callable[[OwnFence, Vector3], str] | None = None,
     ) -> None:
         super().__init__(now_s, vehicle)
+        self._fence_conflict = fence_conflict
+        self._own_fence = OwnFenceReading()
         self.prepare = prepare
         """None: the parameters are as they should be."""
         self._ready_timeout_s = ready_timeout_s
@@ -57,6 +67,11 @@ class Arm(Request):
     @property
     def step_name(self) -> str:
         return self._step.value
+
+    @property
+    def unknown_fence(self) -> tuple[str, ...]:
+        """What the autopilot did not tell of its own fence."""
+        return self._own_fence.unknown
 
     def is_reached(self, vehicle: Telemetry) -> bool:
         return vehicle.armed and vehicle.is_ours
@@ -85,9 +100,7 @@ class Arm(Request):
             case ArmStep.PREPARE:
                 return self._preparing(now_s, vehicle)
             case ArmStep.READY:
-                if now_s >= self._until_s and not vehicle.unready_reason(now_s):
-                    self._mode, self._step = ModeExchange(Duty.CONTROL), ArmStep.MODE
-                return []
+                return self._getting_ready(now_s, vehicle)
             case ArmStep.MODE:
                 return self._choosing_mode(now_s, vehicle)
             case ArmStep.ARM:
@@ -99,6 +112,23 @@ class Arm(Request):
                 if now_s >= self._until_s:
                     self._try_again(now_s, "arming was accepted but did not come")
         return []
+
+    def _getting_ready(self, now_s: float, vehicle: Telemetry) -> list[Any]:
+        """Until it is ready by its own account, and its own fence is known and not in the way."""
+        conflict = self._fence_conflict
+        sent = self._own_fence.step(now_s, vehicle) if conflict is not None else []
+        if now_s < self._until_s or vehicle.unready_reason(now_s):
+            return sent
+        if conflict is not None:
+            if not self._own_fence.done:
+                return sent
+            home_ned_m = vehicle.home_ned_m
+            against = conflict(self._own_fence.fence, home_ned_m) if home_ned_m is not None else ""
+            if against:
+                self.end(now_s, RequestOutcome.REFUSED, against)
+                return sent
+        self._mode, self._step = ModeExchange(Duty.CONTROL), ArmStep.MODE
+        return sent
 
     def _armed(self, now_s: float, vehicle: Telemetry) -> None:
         if vehicle.is_ours or self._asked:
@@ -151,7 +181,12 @@ class Arm(Request):
     def parameter(self, vehicle: Telemetry, fields: Any) -> None:
         if self.prepare is not None:
             self.prepare.parameter(vehicle, fields)
+        self._own_fence.parameter(vehicle, fields)
 
     def parameter_error(self, fields: Any) -> None:
         if self.prepare is not None:
             self.prepare.parameter_error(fields)
+        self._own_fence.parameter_error(fields)
+
+    def mission(self, kind: int, fields: Any) -> None:
+        self._own_fence.mission(kind, fields)

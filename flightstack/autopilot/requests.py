@@ -155,6 +155,9 @@ class Request:
     def parameter_error(self, fields: Any) -> None:
         """A PARAM_ERROR with these fields has come."""
 
+    def mission(self, kind: int, fields: Any) -> None:
+        """A message of the mission protocol to us has come."""
+
 
 class Prepare(Request):
     """Sets the configured parameters one after the other and reads them back."""

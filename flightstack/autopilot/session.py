@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.autopilot.arming import Arm
+from flightstack.autopilot.own_fence import OwnFence
 from flightstack.autopilot.report import VehicleReport
 from flightstack.autopilot.requests import (
     Disarm,
@@ -69,6 +71,13 @@ RATES_HZ: dict[Flavour, dict[int, float]] = {
     },
 }
 """What the agent needs of each autopilot, in the order in which it is asked for."""
+_MISSION_PROTOCOL = frozenset(
+    (
+        mavlink.MAVLINK_MSG_ID_MISSION_COUNT,
+        mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT,
+        mavlink.MAVLINK_MSG_ID_MISSION_ACK,
+    )
+)
 _MAY_BE_ABSENT = frozenset(
     (
         mavlink.MAVLINK_MSG_ID_WIND,
@@ -84,7 +93,16 @@ _MAY_BE_ABSENT = frozenset(
 class AutopilotSession:
     """One vehicle. `system` is the drone's id and the MAVLink system id of its autopilot and of us."""
 
-    def __init__(self, system: int, frame: LocalFrame, config: AutopilotConfig) -> None:
+    def __init__(
+        self,
+        system: int,
+        frame: LocalFrame,
+        config: AutopilotConfig,
+        fence_conflict: Callable[[OwnFence, Vector3], str] | None = None,
+    ) -> None:
+        """`fence_conflict` says what of an autopilot's own fence around its home (NED, m) stands against flying, ""
+        if nothing does; without it that fence is not asked for."""
+        self._fence_conflict = fence_conflict
         self._config = config
         self._frame = frame
         configured = Flavour.UNKNOWN if config.flavour == "auto" else Flavour(config.flavour)
@@ -101,6 +119,7 @@ class AutopilotSession:
         self._prepared_boot: int | None = None
         self._target: Target | None = None
         self._withheld = ""
+        self._unknown_fence: tuple[str, ...] = ()
         self._report: VehicleReport | None = None
 
     # -- what came ------------------------------------------------------------------------------------------
@@ -127,6 +146,9 @@ class AutopilotSession:
                     request.acknowledge(now_s, fields.command, fields.result)
         elif request is None:
             return
+        elif kind in _MISSION_PROTOCOL:
+            if self._codec.is_answer_to_us(message):
+                request.mission(kind, fields)
         elif kind == mavlink.MAVLINK_MSG_ID_PARAM_VALUE:
             request.parameter(self._vehicle, fields)
         elif kind == mavlink.MAVLINK_MSG_ID_PARAM_ERROR:
@@ -141,6 +163,9 @@ class AutopilotSession:
             notes = tuple(f"autopilot does not send {layout(kind).name}" for kind in missing)
             if self._withheld:
                 notes = (*notes, self._withheld)
+            if self._unknown_fence:
+                missing_names = ", ".join(self._unknown_fence)
+                notes = (*notes, f"autopilot does not tell {missing_names}: its own fence is not known")
             self._report = self._vehicle.report(self._now_s, refusal, notes)
         return self._report
 
@@ -182,7 +207,8 @@ class AutopilotSession:
     def arm(self) -> None:
         """Prepare, wait until ready, take the mode, start the motors. Keep asking: it lapses after 2 s."""
         preparation = None if self.prepared else self._new_prepare()
-        self._ask(Arm(self._now_s, self._vehicle, preparation, self._config.ready_timeout_s))
+        timeout_s = self._config.ready_timeout_s
+        self._ask(Arm(self._now_s, self._vehicle, preparation, timeout_s, self._fence_conflict))
 
     def takeoff(self, above_home_m: float) -> None:
         """Climb to this height over the origin of the swarm's frame. Keep asking: it lapses after 2 s."""
@@ -278,6 +304,8 @@ class AutopilotSession:
         if request is None or request.result is None:
             return
         self._newest = (request, now_s)
+        if isinstance(request, Arm):
+            self._unknown_fence = request.unknown_fence
         self._results.append(request.result)
         preparation = request.prepare if isinstance(request, Arm) else request
         if isinstance(preparation, Prepare) and preparation.result is not None:

@@ -29,6 +29,9 @@ EVENTS = vehicle_state.EVENTS | {
     mavlink.MAVLINK_MSG_ID_PARAM_VALUE,
     mavlink.MAVLINK_MSG_ID_PARAM_ERROR,
     mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT,
+    mavlink.MAVLINK_MSG_ID_MISSION_COUNT,
+    mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT,
+    mavlink.MAVLINK_MSG_ID_MISSION_ACK,
 }
 """With STATES the only messages that the agent decodes."""
 

@@ -22,7 +22,9 @@ from mission.geometry.geofence import WIDEST_M, Circle, Geofence, Vertex
 Number: TypeAlias = float | None
 Unset: TypeAlias = msgspec.UnsetType
 _AGAIN: Final = "open the file in QGroundControl and save it again"
-_EXPAND: Final = "upload the plan from QGroundControl to a (simulated) vehicle, download it there and save that"
+_EXPAND: Final = (
+    "upload the plan from QGroundControl to a (simulated) vehicle, download it there and save that"
+)
 
 
 class _Item(msgspec.Struct, rename="camel"):
