@@ -69,7 +69,8 @@ def assert_found(flight: Scenario, limit_s: float = 900.0) -> None:
     assert flight.source_ned_m is not None
     assert math.dist(flight.source_ned_m[:2], flight.world.gas.source_ned_m[:2]) < 5.0
     assert flight.min_separation_m > 4.0
-    assert [event.text for _, event in flight.events if event.code == "defect"] == []
+    amiss = ("defect", "crash", "astray")
+    assert [event.text for _, event in flight.events if event.code in amiss] == []
 
 
 def fence_of(flight: Scenario) -> LocalFence:

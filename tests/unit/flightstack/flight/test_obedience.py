@@ -49,9 +49,7 @@ class Vehicle:
             wanted = self.turn(asked or (0.0, 0.0, 0.0))
             n, e, d = (v + 0.1 * (w - v) for v, w in zip(self.velocity, wanted, strict=True))
             self.velocity = n, e, d
-            setpoint: Setpoint = (
-                PositionTarget((0.0, 0.0, -10.0)) if asked is None else VelocityTarget(asked)
-            )
+            setpoint: Setpoint = PositionTarget((0.0, 0.0, -10.0)) if asked is None else VelocityTarget(asked)
             report = msgspec.structs.replace(
                 REPORT,
                 velocity_ned_mps=self.velocity,
