@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
@@ -11,6 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from flightstack.autopilot.telemetry import Telemetry
 from flightstack.mavlink.exchanges import REPEAT_S, REPEATS, ParameterReading
 from flightstack.mavlink.modes import Flavour
+from mission.geometry.frames import Vector3
 from mission.geometry.geofence import Circle, Vertex
 
 FENCE = mavlink.MAV_MISSION_TYPE_FENCE
@@ -154,6 +156,24 @@ class OwnFenceReading:
             radius_name="GF_MAX_HOR_DIST",
             ceiling_name="GF_MAX_VER_DIST",
         )
+
+
+class OwnFenceCheck:
+    """Reads it, and says whether it stands against flying."""
+
+    def __init__(self, conflict: Callable[[OwnFence, Vector3], str]) -> None:
+        """`conflict`: what of a fence around a home (NED, m) stands against flying, "" if nothing does."""
+        self.reading = OwnFenceReading()
+        self._conflict = conflict
+
+    def refusal(self, home_ned_m: Vector3 | None) -> str:
+        return self._conflict(self.reading.fence, home_ned_m) if home_ned_m is not None else ""
+
+    @property
+    def warning(self) -> str:
+        if not self.reading.unknown:
+            return ""
+        return f"autopilot does not tell {', '.join(self.reading.unknown)}: its own fence is not known"
 
 
 class _ItemReading:

@@ -55,8 +55,10 @@ class CommandProxy:
                 continue
             errand = _Errand(drone, duty, now_s)
             obeyed = _obeyed_already(vehicle)
-            reason = _reason_against(now_s, vehicle, duty, named=command.target != 0)
-            if obeyed:
+            reason = "it is no member of this swarm: the ground station does not command it"
+            if fleet.is_member(drone):
+                reason = _reason_against(now_s, vehicle, duty, named=command.target != 0)
+            if fleet.is_member(drone) and obeyed:
                 errand.outcome = CommandOutcome(command.identity, drone, Result.ACCEPTED, obeyed)
             elif reason:
                 errand.outcome = CommandOutcome(command.identity, drone, Result.REFUSED, reason)

@@ -18,13 +18,15 @@ _DEEPEST: Final = 100
 def json_object(text: str, file: str) -> Any:
     """The value that JSON `text` holds. `DocumentError` for what is no JSON, nested too deeply, or ambiguous."""
     try:
-        found = msgspec.json.decode(text)
+        found: Any = msgspec.json.decode(text)
         _refuse_depth(found)
         json.loads(text, object_pairs_hook=lambda pairs: _unique(pairs, file))
     except msgspec.DecodeError as error:
         position = re.search(r"byte (\d+)", str(error))
         line = text.encode().count(b"\n", 0, int(position[1])) + 1 if position else None
         raise DocumentError(file, f"not JSON: {error}", line=line) from error
+    except ValueError as error:  # a number of thousands of digits
+        raise DocumentError(file, "not JSON that can be read: a number is too long") from error
     except RecursionError as error:
         raise DocumentError(file, "not a plan: lists or objects are nested too deeply") from error
     return found

@@ -13,7 +13,8 @@ from typing import Any, Final, TypeAlias
 
 import msgspec
 
-from mission.documents.flight_plan import Parameters, Plan, PlanItem, item_problem
+from mission.documents.fence_areas import ring
+from mission.documents.flight_plan import Parameters, Plan, PlanItem, item_problem, place
 from mission.documents.json_text import converted, json_object
 from mission.documents.yaml_file import DocumentError
 from mission.geometry.frames import Geodetic
@@ -129,6 +130,11 @@ def parse_plan(text: str, file: str) -> Plan:
         raise DocumentError(
             file, 'not a QGroundControl plan: it must be a JSON object with "fileType": "Plan"'
         )
+    return plan_of(content, file)
+
+
+def plan_of(content: dict[str, Any], file: str) -> Plan:
+    """As `parse_plan`, from the decoded object, which `is_qgc`."""
     kind, version = content.get("fileType"), content.get("version")
     if kind == "Plan" and version == 1:
         return _plan(content, file)
@@ -283,7 +289,7 @@ def _params(item: _Item, file: str, field: str) -> Parameters | None:
 
 def _point(values: tuple[float, float, float], file: str, field: str) -> Geodetic:
     try:
-        return Geodetic(*values)
+        return place(*values)
     except ValueError as error:
         raise DocumentError(file, str(error), field=field) from error
 
@@ -334,9 +340,14 @@ def _fence(raw: _Fence, file: str, warnings: list[str]) -> Geofence | None:
             Circle(*c.circle.center, c.circle.radius) for c in raw.circles if c.inclusion is inclusion
         )
 
+    warnings += [
+        f"geoFence polygon {index}: its last vertex is its first again and is left out"
+        for index, polygon in enumerate(polygons)
+        if ring(polygon.polygon) != polygon.polygon
+    ]
     return Geofence(
-        inclusion=tuple(p.polygon for p in polygons if p.inclusion),
-        exclusion=tuple(p.polygon for p in polygons if not p.inclusion),
+        inclusion=tuple(ring(p.polygon) for p in polygons if p.inclusion),
+        exclusion=tuple(ring(p.polygon) for p in polygons if not p.inclusion),
         inclusion_circles=rounds(inclusion=True),
         exclusion_circles=rounds(inclusion=False),
     )

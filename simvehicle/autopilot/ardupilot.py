@@ -11,7 +11,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from simvehicle.autopilot import ardupilot_parameters
-from simvehicle.autopilot.announcer import Announcer
+from simvehicle.autopilot.announcer import Announcer, TextStyle
 from simvehicle.autopilot.ardupilot_arming import ArduPilotArming
 from simvehicle.autopilot.ardupilot_avoidance import ArduPilotAvoidance
 from simvehicle.autopilot.ardupilot_commands import ArduPilotCommands
@@ -23,7 +23,7 @@ from simvehicle.autopilot.ardupilot_mishaps import ArduPilotMishaps
 from simvehicle.autopilot.ardupilot_mode_control import ArduPilotModeControl
 from simvehicle.autopilot.ardupilot_modes import ArduPilotMode
 from simvehicle.autopilot.channel import Channel, ChannelPeer
-from simvehicle.autopilot.commands import ACCEPTED, DENIED, FAILED
+from simvehicle.autopilot.commands import ACCEPTED, DENIED, FAILED, AnswerStyle
 from simvehicle.autopilot.flight import Flight
 from simvehicle.autopilot.maneuvers import Follow, HoldPosition, Sticks, TakeOff
 from simvehicle.autopilot.message_streams import Build, StreamStyle
@@ -254,6 +254,7 @@ def _build(parts: SharedParts) -> Personality:
             mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
             gps_fix_type=mavlink.GPS_FIX_TYPE_RTK_FIXED,
             vtol_state=mavlink.MAV_VTOL_STATE_MC,
+            no_mission_total=0,
         ),
         modes=modes,
         estimate=estimate,
@@ -270,7 +271,9 @@ def _build(parts: SharedParts) -> Personality:
         ),
         messages=_messages(parts.system, flight, parameters, estimate, fence),
         commands=commands.table(),
+        handlers={},
         split_mode=lambda custom_mode: (custom_mode, 0),
+        answers=AnswerStyle(),
         pilot=PilotInputs(pilot.may_fly, pilot.moved),
         events=ArduPilotEvents(
             flight,
@@ -293,6 +296,7 @@ ARDUPILOT = FlavourRecipe(
     system_parameter="SYSID_THISMAV",
     limits=ardupilot_parameters.limits,
     battery=ardupilot_parameters.battery,
+    texts=TextStyle(),
     weak_battery_fraction=0.10,
     build=_build,
 )
