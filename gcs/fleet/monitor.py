@@ -64,6 +64,8 @@ ENDS = {
     "ceiling": "it is below the ceiling again, or on the ground",
     "battery": "its battery is above the limit again",
     "wire": "no more unreadable messages",
+    "recording": "its flight is recorded again",
+    "station": "no second ground station of our name or MAVLink system id is heard any more",
     "crash": "its vehicle was armed or restarted after the crash",
     "astray": "it goes where it is sent again, or is not steered any more",
     "no_ack": "the missing answer has come, or is not waited for any more",

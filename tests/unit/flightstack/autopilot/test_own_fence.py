@@ -46,7 +46,7 @@ class Asked:
             id=3,
             flavour=flavour,  # type: ignore[arg-type]
             links=("udpout:127.0.0.1:9",),
-            parameters=parameters,
+            parameters=parameters | ({"COM_OBL_RC_ACT": 3.0} if flavour == "px4" else {}),
         )
         fleet = FleetConfig(origin=ORIGIN, vehicles=(spec,), ready_after_s=3.0)
         self.vehicle = SimulatedVehicle(spec, make_world(fleet), seed=1, ready_after_s=3.0)
