@@ -28,7 +28,7 @@ from flightstack.sensing.filter_stage import PortInput, Sensed, Sensing
 from flightstack.swarm import topics
 from flightstack.swarm.announcements import OwnFacts
 from flightstack.swarm.member import SwarmMember, SwarmView
-from flightstack.swarm.news import Note
+from flightstack.swarm.news import Note, TextNotes
 from flightstack.swarm.topics import Received
 from flightstack.swarm.wire import Event, Phase, Severity
 from mission.geometry.formation import make_layout
@@ -134,6 +134,7 @@ class Agent:
         self._best_ppm: float | None = None
         self._crash = ""
         """How and where the vehicle crashed since it was armed."""
+        self._texts = TextNotes()
         self._defects: set[str] = set()
         self._storage = ""
         self._ticks = 0
@@ -147,7 +148,7 @@ class Agent:
         received = (Received(topics.TOPICS[m.topic], m.sender, m.payload) for m in inputs.peers)
         swarm = self._swarm.step(now_s, received, self._decision, vehicle.position_ned_m)
         notes = [*self._storage_notes(inputs.storage), *swarm.refused]
-        notes += [Note(_severity(text.severity), "statustext", text.text) for text in vehicle.new_texts]
+        notes += self._texts.notes(now_s, vehicle.new_texts)
         if vehicle.stood_still_s:
             text = f"this program stood still for {vehicle.stood_still_s:.1f} s and sent no setpoints"
             notes.append(Note(Severity.WARNING, "stood_still", text))
@@ -394,10 +395,3 @@ class Agent:
         else:
             self._session.target_velocity(guarded.setpoint.velocity_ned_mps, None)
         return guarded
-
-
-def _severity(mavlink_severity: int) -> Severity:
-    """MAV_SEVERITY (0 emergency … 7 debug) as ours."""
-    if mavlink_severity <= 2:
-        return Severity.CRITICAL
-    return Severity.WARNING if mavlink_severity <= 4 else Severity.INFO

@@ -261,7 +261,7 @@ class Monitor:
             yield Condition("frame", Severity.CRITICAL, text)
         airborne = state.airborne or (vehicle is not None and vehicle.airborne)
         if airborne and state.phase in (Phase.DISARMED, Phase.LANDED):
-            text = f"flies in {state.mode}, but its agent is {state.phase}: not flown by its agent"
+            text = f"flies in {state.mode} without its agent, which holds it for {state.phase}"
             yield Condition("unflown", Severity.CRITICAL, text, UNFLOWN_AFTER_S)
         late = agent.late_fraction()
         if late > self._limits.late_ticks_fraction:
