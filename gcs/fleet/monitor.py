@@ -174,9 +174,12 @@ class Monitor:
                 for condition in self._agent(fleet, agent, agent.state, vehicle):
                     yield drone, condition
             crash = fleet.crash(drone, now_s)
-            if crash:
-                yield drone, Condition("crash", Severity.CRITICAL, f"crashed: {crash}")
             newest = fleet.newest(drone, now_s)
+            if crash:
+                armed = (
+                    "; still armed, its propellers may turn" if newest is not None and newest.armed else ""
+                )
+                yield drone, Condition("crash", Severity.CRITICAL, f"crashed: {crash}{armed}")
             if newest is not None:
                 for condition in self._flight(now_s, fleet, drone, newest):
                     yield drone, condition

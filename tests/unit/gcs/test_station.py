@@ -476,3 +476,11 @@ def test_what_brings_a_drone_down_is_obeyed_for_one_that_is_down_and_silent(
     assert outcome.result is Result.ACCEPTED
     assert reason in outcome.reason
     assert world.commands(mavlink.MAV_CMD_DO_SET_MODE) == []
+
+
+def test_what_a_drone_tells_of_itself_is_no_second_event_of_the_station(world):
+    world.run(5.0)
+    world.agents[2] = {"phase": Phase.CRASHED, "airborne": False, "crash": "fell, at 28.27, -16.64"}
+    world.run(5.0)
+    assert (2, "crash") in alarm_codes(world)
+    assert [event for event in world.told(topics.EVENT) if event.code == "crash"] == []

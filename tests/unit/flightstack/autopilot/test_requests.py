@@ -662,7 +662,10 @@ def test_a_parameter_that_does_not_exist_or_is_no_integer_is_named():
     assert result.outcome is RequestOutcome.REFUSED
     assert "NO_SUCH does not answer" in result.reason
     assert "FENCE_ENABLE is an integer" in result.reason
-    assert "RTL_ALT does not answer: does this autopilot have it? (from ArduPilot 4.7 it is RTL_ALT_M" in result.reason
+    assert (
+        "RTL_ALT does not answer: does this autopilot have it? (from ArduPilot 4.7 it is RTL_ALT_M"
+        in result.reason
+    )
     assert not world.session.prepared
 
 

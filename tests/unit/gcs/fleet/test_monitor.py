@@ -346,9 +346,12 @@ def test_a_crash_that_its_agent_tells_is_one_critical_alarm_with_the_place(fleet
     changes = run(monitor, swarm, 5.5, 20.0)
     (alarm,) = monitor.alarms
     assert (alarm.drone, alarm.code, alarm.severity) == (2, "crash", Severity.CRITICAL)
-    assert alarm.text == f"crashed: {CRASH}"
+    assert alarm.text == f"crashed: {CRASH}; still armed, its propellers may turn"
     assert sum(len(change.raised) for change in changes) == 1
-    (row,) = (row for row in swarm.tick(20.0).rows(20.0) if row.drone == 2)
+    swarm.talking[2] |= {"armed": False}
+    run(monitor, swarm, 20.5, 22.0)
+    assert [alarm.text for alarm in monitor.alarms] == [f"crashed: {CRASH}"]
+    (row,) = (row for row in swarm.tick(22.5).rows(22.5) if row.drone == 2)
     assert (row.crash, row.phase, row.airborne) == (CRASH, "crashed", False)
 
 
