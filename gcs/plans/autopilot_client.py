@@ -268,7 +268,7 @@ class Vehicle:
         if not held:
             return f"it holds no {KINDS[kind]} now"
         if same == len(ours) == len(held):
-            return f"it holds all {same} items now: do not fly them"
+            return "it holds all of this file now: clear or replace it before it flies"
         others = len(held) - same
         rest = f" and {others} other{'s' * (others > 1)}" if others else ""
         of_ours = f"the first {same} of this file{rest}" if same else "none of this file"

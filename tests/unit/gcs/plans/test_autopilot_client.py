@@ -201,7 +201,8 @@ def test_px4_refuses_by_a_text_after_it_has_accepted(px4: Session) -> None:
     with pytest.raises(VehicleError) as error:
         px4.run(upload(Plan(items=ITEMS, home=WHOLE.home)))
     assert str(error.value) == (
-        "drone 1: mission refused: Geofence violation for waypoint 2; it holds all 3 items now: do not fly them"
+        "drone 1: mission refused: Geofence violation for waypoint 2; "
+        "it holds all of this file now: clear or replace it before it flies"
     )
 
 
