@@ -268,10 +268,10 @@ class Vehicle:
         if not held:
             return f"it holds no {KINDS[kind]} now"
         if same == len(ours) == len(held):
-            return f"it holds all {same} items now: do not fly them"
-        of_ours = (
-            f"the first {same} of this file and {len(held) - same} others" if same else "none of this file"
-        )
+            return "it holds all of this file now: clear or replace it before it flies"
+        others = len(held) - same
+        rest = f" and {others} other{'s' * (others > 1)}" if others else ""
+        of_ours = f"the first {same} of this file{rest}" if same else "none of this file"
         return f"it holds {_count(kind, held)} now, {of_ours}: upload what it takes before it flies"
 
     def _lists_of(self) -> ListTransfers:
