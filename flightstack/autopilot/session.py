@@ -122,7 +122,7 @@ class AutopilotSession:
         self._prepared_boot: int | None = None
         self._target: Target | None = None
         self._withheld = ""
-        self._warning = ""
+        self._warnings: tuple[str, ...] = ()
         """What the newest arming found in the autopilot's parameters."""
         self._fence_warning = ""
         self._stood_still_s = 0.0
@@ -173,7 +173,8 @@ class AutopilotSession:
             notes = tuple(f"autopilot does not send {layout(kind).name}" for kind in missing)
             if self._vehicle.is_contested(self._now_s):
                 notes = (*notes, "another autopilot speaks under our system id: every vehicle needs its own")
-            notes += tuple(note for note in (self._warning, self._fence_warning, self._withheld) if note)
+            notes += self._warnings
+            notes += tuple(note for note in (self._fence_warning, self._withheld) if note)
             self._report = self._vehicle.report(self._now_s, refusal, notes, self._stood_still_s)
         return self._report
 
@@ -292,6 +293,9 @@ class AutopilotSession:
             self._next_heartbeat_s = (now_s if overdue else self._next_heartbeat_s) + HEARTBEAT_S
             messages.append(heartbeat(mavlink.MAV_TYPE_ONBOARD_CONTROLLER))
         messages += self._streams.step(now_s, self._vehicle)
+        messages += self._vehicle.events.sequence.requests(
+            now_s, self._vehicle.system, self._vehicle.component
+        )
         fallback = None
         request = self._request
         if request is not None:
@@ -317,7 +321,7 @@ class AutopilotSession:
         self._newest = (request, now_s)
         self._results.append(request.result)
         if isinstance(request, Arm):
-            self._warning = request.precautions.warning
+            self._warnings = tuple(request.precautions.warnings)
             self._fence_warning = request.fence_warning
         preparation = request.prepare if isinstance(request, Arm) else request
         if isinstance(preparation, Prepare) and preparation.result is not None:

@@ -128,7 +128,8 @@ def _number(field: str, file: str, number: int) -> float | None:
     if field.lower().lstrip("+-") in ("inf", "infinity"):
         raise DocumentError(file, f"a parameter is infinite: {field!r}; write a number", line=number)
     if not _NUMBER.fullmatch(field):
-        raise DocumentError(file, f"a field is not a number: {field!r}", line=number)
+        hint = f"; write {field.replace(',', '.')}" if _NUMBER.fullmatch(field.replace(",", ".", 1)) else ""
+        raise DocumentError(file, f"a field is not a number: {field!r}{hint}", line=number)
     value = float(field)
     if math.isinf(value):
         raise DocumentError(file, f"a parameter is infinite: {field!r} is too large", line=number)

@@ -246,3 +246,30 @@ def test_parts_of_a_text_are_put_together_and_one_without_its_end_comes_after_a_
     assert [told.text for told in vehicle.state.new_texts] == [text]
     vehicle.state.flush(1.3)
     assert [told.text for told in vehicle.state.new_texts] == [text, text[:50] + " [part missing]"]
+
+
+def estimator_status(flags: int) -> object:
+    return mavlink.MAVLink_estimator_status_message(0, flags, 0, 0, 0, 0, 0, 0, 0.3, 0.3)
+
+
+@pytest.mark.parametrize(
+    ("flags", "good"), [(1023, True), (895, True), (831, True), (165, False), (0, False)]
+)
+def test_px4s_constant_position_bit_says_nothing(flags: int, good: bool) -> None:
+    """1023 is a PX4 at rest, 895 one in the air, 165 one that has no position yet."""
+    vehicle = Vehicle(autopilot=mavlink.MAV_AUTOPILOT_PX4)
+    vehicle.heartbeat(0.0)
+    vehicle.say(0.1, estimator_status(flags))
+    vehicle.position(0.2, 1.0)
+    assert vehicle.state.estimator_is_good is good
+    assert (vehicle.state.position_ned_m is not None) is good
+
+
+@pytest.mark.parametrize(("flags", "good"), [(1023, False), (831, True), (167, False)])
+def test_ardupilots_constant_position_bit_means_no_position(flags: int, good: bool) -> None:
+    vehicle = Vehicle()
+    vehicle.heartbeat(0.0)
+    vehicle.say(0.1, mavlink.MAVLink_ekf_status_report_message(flags, 0, 0, 0, 0, 0))
+    vehicle.position(0.2, 1.0)
+    assert vehicle.state.estimator_is_good is good
+    assert (vehicle.state.position_ned_m is not None) is good

@@ -101,6 +101,7 @@ def vertex(row: int, latitude: float, *, of: float = 3, command: int = 5001) -> 
         ([HOME, "1 0 3 16 0 0 0 0 47 8 1e999 1"], "infinite"),
         ([HOME, "1 0 3 16 0 0 0 0 47 8 -inf 1"], "infinite"),
         ([HOME, "1 0 3 16 1_0 0 0 0 47 8 20 1"], "w.txt:3: a field is not a number: '1_0'"),
+        ([HOME, "1 0 3 16 0 0 0 0 47,5 8 20 1"], "w.txt:3: a field is not a number: '47,5'; write 47.5"),
         ([HOME, "1 0 3 16 0x5 0 0 0 47 8 20 1"], "a field is not a number"),
         ([HOME, "1 0 3 16 \u0665 0 0 0 47 8 20 1"], "a field is not a number"),
         ([HOME, "1 0 3 16.5 0 0 0 0 47 8 20 1"], "a field is not a number: '16.5' where a whole one belongs"),
