@@ -126,7 +126,7 @@ def test_faults_come_after_the_takeoff_and_mend(tmp_path: pathlib.Path) -> None:
         FaultSpec(drone=1, at_s=2.0, kind="gps_loss", until_s=4.0),
         FaultSpec(drone=1, at_s=3.0, kind="silence", until_s=5.0),
         FaultSpec(drone=1, at_s=6.0, kind="battery_low"),
-        FaultSpec(drone=1, at_s=14.0, kind="tumble"),
+        FaultSpec(drone=1, at_s=14.0, kind="motor"),
     )
     flown = Flown(config(faults=faults, truth=str(tmp_path / "truth.csv")))
     try:
