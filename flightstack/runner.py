@@ -106,7 +106,7 @@ class Runner:
         inputs = self._shell.gather(self.deadlines.late)
         if self._ends():
             return False
-        inputs = self._with_signal(inputs)
+        inputs = self._with_signal(msgspec.structs.replace(inputs, storage=self._recording.problem))
         now_s = self._clock.now_s()
         outputs = self._agent.step(now_s, inputs)
         self._shell.send(outputs)

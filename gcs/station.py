@@ -105,8 +105,12 @@ class Station:
         self._sent_s: dict[str, float] = {}
         self._sequence = 0
 
-    def step(self, now_s: float, peers: Sequence[Received], links: Sequence[bytes]) -> StationOutputs:
-        """One tick: `links` holds what came over each MAVLink link since the last."""
+    def step(
+        self, now_s: float, peers: Sequence[Received], links: Sequence[bytes], storage: str = ""
+    ) -> StationOutputs:
+        """One tick: `links` holds what came over each MAVLink link since the last; `storage` tells why the station
+        does not record, if it does not."""
+        self.fleet.storage = storage
         self._publish, self._timeline, self._frames, self._log = [], [], [], []
         self._writes = [bytearray() for _ in self._codecs]
         for index, data in enumerate(links):

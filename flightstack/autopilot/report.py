@@ -67,5 +67,7 @@ class VehicleReport(msgspec.Struct, frozen=True, kw_only=True):
     """NAMED_VALUE_FLOATs (name, value) since the last `step`: how instruments behind the autopilot report."""
     new_texts: tuple[StatusText, ...]
     """Status texts since the last `step`."""
+    stood_still_s: float
+    """How long we ourselves did nothing before this tick, while the vehicle needed our setpoints; mostly 0."""
     notes: tuple[str, ...]
     """What an operator should know: streams that do not come, an autopilot with a wrong system id."""

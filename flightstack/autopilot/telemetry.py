@@ -14,7 +14,7 @@ from flightstack.autopilot.authority import Authority
 from flightstack.autopilot.report import TakenBy, VehicleReport
 from flightstack.mavlink import vehicle_state
 from flightstack.mavlink.codec import MavlinkMessage
-from flightstack.mavlink.modes import COPTER_TYPES, FLAVOURS, Duty, Flavour
+from flightstack.mavlink.modes import COPTER_TYPES, FLAVOURS, Duty, Flavour, mode_of
 from flightstack.mavlink.statustext import StatusText
 from flightstack.mavlink.vehicle_state import (
     AUTOPILOT_COMPONENT,
@@ -190,16 +190,21 @@ class Telemetry(VehicleState):
     def _prearm_missing(self) -> str:
         if mavlink.MAVLINK_MSG_ID_SYS_STATUS not in self.received_s:
             return "no system status yet (SYS_STATUS)"
-        # PX4's verdict is about the mode that it happens to be in (a manual one fails without a remote control):
-        # there the attempt to arm tells.
-        if self.prearm is False and self.flavour is Flavour.ARDUPILOT:
+        # PX4's verdict is about the mode that it happens to be in (a manual one fails without a remote control): its
+        # report of all modes tells about ours, and where it has sent none the attempt to arm does.
+        if self.flavour is Flavour.PX4:
+            return "; ".join(self.events.why_not_arm(mode_of(Flavour.PX4, Duty.CONTROL), streaming=False))
+        if self.prearm is False:
             return "; ".join(self.prearm_texts) or "the autopilot's pre-arm checks fail"
         return ""
 
     @property
     def is_ours(self) -> bool:
-        """The vehicle is in the mode in which it follows our setpoints, and nobody took it from us."""
-        return self.authority.taken_by is TakenBy.NOBODY and self.in_mode(Duty.CONTROL)
+        """The vehicle is in the mode in which it follows our setpoints, or comes back to it by itself as soon as it
+        gets them again, and nobody took it from us."""
+        if self.authority.taken_by is not TakenBy.NOBODY:
+            return False
+        return self.in_mode(Duty.CONTROL) or self.authority.resuming
 
     def clear_news(self) -> None:
         """The reports so far have told what was new."""
@@ -207,7 +212,9 @@ class Telemetry(VehicleState):
         self.new_values.clear()
         self.new_wind = None
 
-    def report(self, now_s: float, refusal: str, notes: tuple[str, ...]) -> VehicleReport:
+    def report(
+        self, now_s: float, refusal: str, notes: tuple[str, ...], stood_still_s: float
+    ) -> VehicleReport:
         """The snapshot for `now_s`; `refusal` is why the autopilot last refused to arm, if it did."""
         authority = self.authority
         reason = self.unready_reason(now_s)
@@ -242,5 +249,6 @@ class Telemetry(VehicleState):
             failsafe_reason=authority.failsafe_reason if authority.failsafe else "",
             named_values=tuple(self.new_values),
             new_texts=tuple(self.new_texts),
+            stood_still_s=stood_still_s,
             notes=notes,
         )

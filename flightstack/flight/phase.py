@@ -91,6 +91,8 @@ class SwarmFacts(msgspec.Struct, frozen=True):
     """The others fly a survey that does not count this drone in."""
     must_return: str
     """Why this drone cannot go on (battery, sensor, ground station lost), empty if it can."""
+    has_twin: bool = False
+    """Another agent says, now, that it is this drone."""
 
 
 class PhaseStep(msgspec.Struct, frozen=True):
@@ -117,15 +119,23 @@ class FlightPhase:
         self._notes: list[Note] = []
         self._outcomes: list[CommandOutcome] = []
         self._started: str | None = None
+        self._storage = ""
         self._prompt: Ask | None = None
         self._taken_s: float | None = None
         """When the mode was taken, while it has not been told by whom."""
 
     def step(
-        self, now_s: float, commands: Sequence[Command], vehicle: VehicleFacts, swarm: SwarmFacts
+        self,
+        now_s: float,
+        commands: Sequence[Command],
+        vehicle: VehicleFacts,
+        swarm: SwarmFacts,
+        *,
+        storage: str = "",
     ) -> PhaseStep:
-        """One tick. An `IllegalTransitionError` leaves the phase as it was, and the commands answered: then `stay`
-        is the step that remains."""
+        """One tick. `storage`: why the flight is not recorded, if it is not. An `IllegalTransitionError` leaves the
+        phase as it was, and the commands answered: then `stay` is the step that remains."""
+        self._storage = storage
         self._notes, self._outcomes = [], []
         self._prompt = self._started = None
         for command in commands:
@@ -153,7 +163,7 @@ class FlightPhase:
         if outcome is None:
             before = self.phase
             obeyed = self._obeyed_already(command.name, vehicle)
-            reason = "" if obeyed else self._refusal(command.name, vehicle, swarm)
+            reason = "" if obeyed else self._refusal(command, vehicle, swarm)
             if not reason and not obeyed:
                 self._obey(now_s, command.name, vehicle)
             result = Result.REFUSED if reason else Result.ACCEPTED
@@ -170,19 +180,22 @@ class FlightPhase:
         self._outcomes.append(outcome)
 
     def _obeyed_already(self, name: CommandName, vehicle: VehicleFacts) -> str:
-        """Why there is nothing left to do for what brings a drone down: it is down. Empty where it is not known to be."""
+        """Why nothing is left to do for what brings a drone down; empty where it is not known to be down."""
         if name not in DOWNWARDS or self.phase is Phase.ARMING or not vehicle.connected:
             return ""
         if vehicle.crash:
             return "it has crashed"
         return "" if vehicle.airborne or vehicle.armed else "it is on the ground"
 
-    def _refusal(self, name: CommandName, vehicle: VehicleFacts, swarm: SwarmFacts) -> str:
+    def _refusal(self, command: Command, vehicle: VehicleFacts, swarm: SwarmFacts) -> str:
         """Why a command cannot be carried out, or nothing."""
+        name = command.name
         to = TRANSITIONS.get((self.phase, FlightEvent(name)))
         match name:
             case CommandName.START:
-                return self._why_not_start(to, vehicle, swarm)
+                reason = self._why_not_start(to, vehicle, swarm)
+                unrecorded = "" if command.without_recording or to is self.phase else self._storage
+                return reason or (unrecorded and f"{unrecorded}; mend it, or start with --without-recording")
             case CommandName.RESUME:
                 if to is self.phase:
                     return ""
@@ -206,6 +219,8 @@ class FlightPhase:
             return f"the vehicle is armed in {vehicle.mode}: disarm it first"
         if vehicle.crash:
             return f"it has crashed ({vehicle.crash}): look at it, then restart its autopilot"
+        if swarm.has_twin:
+            return f"another agent says that it is drone {self._drone} too: stop one of them"
         if swarm.shut_out:
             return "the others fly a survey that has counted this drone out: it can take part in the next"
         return swarm.must_return
@@ -352,8 +367,10 @@ class FlightPhase:
         severity: Severity = Severity.INFO,
         code: str = "phase",
     ) -> None:
-        """Go where `event` leads; `why` None: that is told later. Raises `IllegalTransitionError`, and changes nothing,
-        where it cannot be."""
+        """Go where `event` leads; `why` None: that is told later.
+
+        Raises `IllegalTransitionError`, and changes nothing, where it cannot be.
+        """
         before, self.phase = self.phase, following(self.phase, event)
         if self.phase is before:
             return

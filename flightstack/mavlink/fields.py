@@ -15,13 +15,15 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from flightstack.mavlink.dialect import MESSAGES
+
 
 class MessageLayout:
     """How one kind of message lies in its payload."""
 
     def __init__(self, kind: int) -> None:
         """KeyError if the dialect has no message of this id."""
-        definition = mavlink.mavlink_map[kind]
+        definition = MESSAGES[kind]
         names: list[str] = definition.ordered_fieldnames
         self.name: str = definition.msgname
         self._struct: struct.Struct = definition.unpacker

@@ -36,6 +36,12 @@ SINGLE_PRECISION: Final = 1e-6
 """Relative rounding of a 4-byte float on the wire, and of what autopilots make of it."""
 
 
+class ParameterValue(NamedTuple):
+    value: float
+    kind: int
+    """MAV_PARAM_TYPE."""
+
+
 def encode(flavour: Flavour, kind: int, value: float) -> float:
     """The float field for a value without `value_problem`."""
     integer = INTEGER_TYPES.get(kind)

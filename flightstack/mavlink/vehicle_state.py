@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.mavlink.codec import MavlinkMessage
 from flightstack.mavlink.crash import CrashWatch
+from flightstack.mavlink.dialect import EventMessage
 from flightstack.mavlink.modes import (
     COPTER_TYPES,
     FLAVOURS,
@@ -24,6 +25,7 @@ from flightstack.mavlink.modes import (
     mode_name,
     mode_of,
 )
+from flightstack.mavlink.px4_events import Px4Events
 from flightstack.mavlink.statustext import StatusText, TextAssembler
 from mission.geometry.frames import Geodetic, LocalFrame, Vector3
 
@@ -54,7 +56,9 @@ STATES: Final = frozenset(
 """The messages of which the newest is kept."""
 AUTOPILOT_COMPONENT: Final = mavlink.MAV_COMP_ID_AUTOPILOT1
 
-EVENTS: Final = frozenset((mavlink.MAVLINK_MSG_ID_STATUSTEXT, mavlink.MAVLINK_MSG_ID_COMMAND_ACK))
+EVENTS: Final = frozenset(
+    (mavlink.MAVLINK_MSG_ID_STATUSTEXT, mavlink.MAVLINK_MSG_ID_COMMAND_ACK, EventMessage.id)
+)
 """The messages of which every one counts."""
 
 _POS_HORIZ_ABS = mavlink.EKF_POS_HORIZ_ABS
@@ -123,6 +127,7 @@ class VehicleState:
         """When another autopilot last spoke under this one's ids."""
         self._frame = frame
         self._texts = TextAssembler()
+        self.events = Px4Events()
         self._handlers: dict[int, Callable[[float, Any], None]] = {
             mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
             mavlink.MAVLINK_MSG_ID_SYS_STATUS: self._sys_status,
@@ -134,6 +139,7 @@ class VehicleState:
             mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: self._estimator,
             mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: self._estimator,
             mavlink.MAVLINK_MSG_ID_STATUSTEXT: self._statustext,
+            EventMessage.id: self._event,
         }
         self._forget()
 
@@ -175,8 +181,10 @@ class VehicleState:
             handler(now_s, message.fields)
 
     def flush(self, now_s: float) -> None:
-        """Give out a long status text whose last part never came; call it every tick."""
+        """Give out what has waited in vain, for the rest of a text or for its event; call it every tick."""
         for text in self._texts.expire(now_s):
+            self._told(now_s, text)
+        for text in self.events.expire(now_s):
             self._text(now_s, text)
 
     def takes(self, now_s: float, heartbeat: Any) -> bool:
@@ -290,7 +298,16 @@ class VehicleState:
 
     def _statustext(self, now_s: float, fields: Any) -> None:
         for text in self._texts.add(now_s, fields.severity, fields.text, fields.id, fields.chunk_seq):
+            self._told(now_s, text)
+
+    def _event(self, now_s: float, fields: Any) -> None:
+        for text in self.events.event(now_s, fields, armed=self.armed):
             self._text(now_s, text)
+
+    def _told(self, now_s: float, text: StatusText) -> None:
+        """One whole status text; of an autopilot that sends events too, it may say what an event says."""
+        for each in self.events.statustext(now_s, text):
+            self._text(now_s, each)
 
     def _text(self, _now_s: float, text: StatusText) -> None:
         """One whole text."""
@@ -339,11 +356,20 @@ class VehicleState:
         """How it crashed since it was armed, "" if it did not."""
         return self._crash.reason
 
+    def believe_crashed(self, how: str) -> None:
+        """Somebody who knows more says so."""
+        self._crash.reason = self._crash.reason or how
+
     @property
     def estimator_is_good(self) -> bool:
         """Does the estimator vouch for an absolute horizontal position, as far as it says anything?"""
         flags = self.estimator_flags
-        return flags is None or flags & (_POS_HORIZ_ABS | _CONST_POS_MODE) == _POS_HORIZ_ABS
+        if flags is None:
+            return True
+        # ArduPilot says by the constant-position bit that it only pretends to know where it is. PX4 (from 1.16 on)
+        # sets it whenever it stands still, with as good a position as in the air.
+        pretends = self.flavour is not Flavour.PX4 and flags & _CONST_POS_MODE
+        return bool(flags & _POS_HORIZ_ABS) and not pretends
 
     @property
     def above_home_m(self) -> float | None:

@@ -10,9 +10,9 @@ from typing import Annotated, Any
 
 import msgspec
 import typer
-import yaml
 
 from mission.documents.printable import printable
+from mission.documents.yaml_file import parse_value
 from sensors.filters.co2_model import Co2FilterConfig
 from sensors.filters.filter_settings import co2_filter_config
 from sensors.instruments.registry import INSTRUMENTS, instrument_type, make_instrument
@@ -287,10 +287,7 @@ def _options(given: list[str] | None) -> dict[str, Any]:
         name, equals, value = text.partition("=")
         if not equals or not name:
             raise SensorError(f"--option {text}: write it as NAME=VALUE")
-        try:
-            options[name] = yaml.safe_load(value)
-        except yaml.YAMLError as error:
-            raise SensorError(f"--option {text}: the value cannot be read") from error
+        options[name] = parse_value(value, f"--option {name}")
     return options
 
 

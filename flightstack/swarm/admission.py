@@ -191,10 +191,10 @@ def _believable(message: Message) -> Message:
     match message:
         case DroneState():
             battery = message.battery_fraction
-            words = (message.mode, *message.notes)
+            words = (message.mode, message.storage, *message.notes)
             if not all(map(str.isprintable, words)):
-                mode, *notes = map(printable, words)
-                message = msgspec.structs.replace(message, mode=mode, notes=tuple(notes))
+                mode, storage, *notes = map(printable, words)
+                message = msgspec.structs.replace(message, mode=mode, storage=storage, notes=tuple(notes))
             if (
                 (battery is None or math.isfinite(battery))
                 and _is_estimate(message.excess_co2_ppm)

@@ -36,6 +36,8 @@ class OwnFacts(msgspec.Struct, frozen=True):
     """How and where it crashed; empty if it did not."""
     astray: str = ""
     """How it does not go where it is sent; empty while it does."""
+    storage: str = ""
+    """Why its flight is not recorded."""
 
 
 class Announced(msgspec.Struct, frozen=True):
@@ -133,4 +135,5 @@ class Announcements:
             own.word,
             own.crash,
             own.astray,
+            own.storage,
         )

@@ -94,6 +94,8 @@ class DroneState(msgspec.Struct, frozen=True, array_like=True, tag="state"):
     """How and where it crashed, empty if it did not."""
     astray: str = ""
     """How it does not go where it is sent, empty while it does."""
+    storage: str = ""
+    """Why its flight is not recorded; empty when it is."""
 
 
 class TreeState(msgspec.Struct, frozen=True, array_like=True, tag="tree"):
@@ -139,6 +141,8 @@ class Command(msgspec.Struct, frozen=True, array_like=True, tag="command"):
     target: int
     """A drone's id, or 0 for every member."""
     name: CommandName
+    without_recording: bool = False
+    """A start also for drones whose flight cannot be recorded."""
 
 
 class Result(enum.StrEnum):

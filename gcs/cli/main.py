@@ -29,7 +29,7 @@ def main() -> None:
 def _exit_code_of(error: Exception) -> int | None:
     from flightstack.errors import FlightstackError
     from flightstack.transport import TransportError
-    from gcs.plans.autopilot_client import VehicleError
+    from gcs.plans.vehicle_link import VehicleError
 
     if isinstance(error, VehicleError):
         return 1

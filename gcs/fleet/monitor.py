@@ -189,6 +189,8 @@ class Monitor:
                 for drone in asked.waiting_for:
                     text = f"no answer to {asked.command.name} from {asked.command.sender}"
                     yield drone, Condition(f"no_ack:{identity[:8]}", Severity.WARNING, text)
+        if fleet.storage:
+            yield 0, Condition("recording", Severity.WARNING, f"the ground station's {fleet.storage}")
         for same, (text, heard_s) in fleet.rivals.items():
             if now_s - heard_s <= RIVAL_SHOWN_S:
                 yield 0, Condition(f"station:{same}", Severity.WARNING, text, RIVAL_SHOWN_S)
@@ -267,6 +269,8 @@ class Monitor:
             yield Condition("astray", Severity.CRITICAL, state.astray)
         if state.armed and state.position_ned_m is None:
             yield Condition("position", Severity.CRITICAL, "armed, but it does not know where it is", 1.0)
+        if state.storage:
+            yield Condition("recording", Severity.WARNING, state.storage)
         trouble = [note for note in state.notes if _INSTRUMENT.match(note)]
         if trouble:
             blind = state.armed and state.excess_co2_ppm is None

@@ -86,6 +86,8 @@ class DroneRow(msgspec.Struct, frozen=True, kw_only=True):
     late_tick_fraction: float
     frame_matches: bool
     notes: tuple[str, ...]
+    storage: str
+    """Why the drone's flight is not recorded; empty when it is, or when nobody says."""
 
 
 class Asked(msgspec.Struct):
@@ -112,6 +114,8 @@ class FleetView:
         self.events: deque[tuple[float, Event]] = deque(maxlen=_EVENTS_KEPT)
         self.asked: dict[str, Asked] = {}
         self.garbled: dict[str, Garbled] = {}
+        self.storage = ""
+        """Why the running station does not record; empty when it does."""
         self.rivals: dict[str, tuple[str, float]] = {}
         """Ground stations that pass for ours, by what is the same: what to tell, and when it was heard last."""
         self.report: GroundReport | None = None
@@ -351,6 +355,7 @@ class FleetView:
             late_tick_fraction=agent.late_fraction(),
             frame_matches=self.frame_matches(drone),
             notes=state.notes if state is not None and live else (),
+            storage=state.storage if state is not None and live else "",
         )
 
 

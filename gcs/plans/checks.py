@@ -84,7 +84,7 @@ def check_plan(plan: Plan, file: str, *, ceiling_m: float = CEILING_M) -> PlanCh
         warnings.append("the planned home position is 0, 0, which stands for none")
         plan = msgspec.structs.replace(plan, home=None)
     fence = _checked_fence(plan, errors)
-    origin = plan.home or _first_position(plan) or Geodetic(0.0, 0.0)
+    origin = plan.home or _first_place(plan) or Geodetic(0.0, 0.0)
     frame = LocalFrame(Geodetic(origin.latitude_deg, origin.longitude_deg, 0.0))
     waypoints = _waypoints(plan, frame)
     if plan.home is None and "mission" in plan.holds:
@@ -160,7 +160,7 @@ def _check_distances(plan: Plan, waypoints: list[_Waypoint], frame: LocalFrame, 
     for name, point in places:
         away_m = math.hypot(*point)
         if away_m > WIDEST_M:
-            where = "the planned home position" if plan.home else "the first item"
+            where = "the planned home position" if plan.home else "the plan's first place"
             errors.append(
                 f"{name} is {away_m / 1000.0:.0f} km from {where}: a wrong sign, or latitude and longitude swapped?"
             )
@@ -231,8 +231,13 @@ def _place(item: PlanItem) -> Geodetic | None:
     return Geodetic(latitude_deg, longitude_deg)
 
 
-def _first_position(plan: Plan) -> Geodetic | None:
-    return next((place for item in plan.items if (place := _place(item)) is not None), None)
+def _first_place(plan: Plan) -> Geodetic | None:
+    """Somewhere in the plan, from which the rest is measured where it says no home."""
+    found = next((place for item in plan.items if (place := _place(item)) is not None), None)
+    if found is None and plan.rally:
+        found = plan.rally[0]
+    corner = plan.geofence.first_point() if plan.geofence is not None else None
+    return found or (Geodetic(*corner) if corner is not None else None)
 
 
 def _above_home_m(plan: Plan, item: PlanItem) -> float | None:

@@ -39,8 +39,10 @@ def vertex(latitude: object, longitude: object, file: str, where: str, *, line: 
 
 def ring(vertices: Sequence[Vertex]) -> tuple[Vertex, ...]:
     """A polygon without the vertex that closes it again, which autopilots would take for one more."""
-    closed = len(vertices) > 1 and vertices[0] == vertices[-1]
-    return tuple(vertices[:-1] if closed else vertices)
+    count = len(vertices)
+    while count > 1 and vertices[count - 1] == vertices[0]:
+        count -= 1
+    return tuple(vertices[:count])
 
 
 def fence_plan(

@@ -11,7 +11,7 @@ import re
 from typing import Final
 
 from mission.documents.fence_areas import fence_plan, number, vertex
-from mission.documents.flight_plan import HIGHEST_M, LOWEST_M, Plan
+from mission.documents.flight_plan import Plan, altitude_problem
 from mission.documents.yaml_file import DocumentError
 from mission.geometry.frames import Geodetic
 
@@ -81,10 +81,9 @@ def _rally(lines: list[tuple[int, str]], file: str) -> Plan:
                 file, f"a rally point: not all of {' '.join(fields[3:])} are numbers", line=row
             )
         altitude_m, *others = numbers
-        if not LOWEST_M <= altitude_m <= HIGHEST_M:
-            raise DocumentError(
-                file, f"altitude {altitude_m:g} m is not within {LOWEST_M:g} to {HIGHEST_M:g} m", line=row
-            )
+        problem = altitude_problem(altitude_m)
+        if problem:
+            raise DocumentError(file, problem, line=row)
         if any(others):
             warnings.append(
                 f"line {row}: break altitude, landing direction and flags are not taken over: they are for planes"

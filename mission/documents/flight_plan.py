@@ -115,14 +115,30 @@ def item_problem(item: PlanItem) -> str | None:
     return None
 
 
+def altitude_problem(altitude_m: float) -> str | None:
+    """What is wrong with an altitude over the sea or over home."""
+    if LOWEST_M <= altitude_m <= HIGHEST_M:
+        return None
+    return f"altitude {altitude_m:g} m is not within {LOWEST_M:g} to {HIGHEST_M:g} m"
+
+
+def place(latitude_deg: float, longitude_deg: float, altitude_m: float) -> Geodetic:
+    """A home position or rally point; ValueError for what is nowhere that a drone flies."""
+    problem = altitude_problem(altitude_m)
+    if problem:
+        raise ValueError(problem)
+    return Geodetic(latitude_deg, longitude_deg, altitude_m)
+
+
 def _global_problem(item: PlanItem) -> str | None:
     latitude_deg, longitude_deg, altitude_m = item.params[4:]
     if latitude_deg is not None and abs(latitude_deg) > 90.0:
         return f"latitude {latitude_deg} is not within -90 to 90 degrees"
     if longitude_deg is not None and abs(longitude_deg) > 180.0:
         return f"longitude {longitude_deg} is not within -180 to 180 degrees"
-    if altitude_m is not None and not LOWEST_M <= altitude_m <= HIGHEST_M:
-        return f"altitude {altitude_m:g} m is not within {LOWEST_M:g} to {HIGHEST_M:g} m"
+    problem = None if altitude_m is None else altitude_problem(altitude_m)
+    if problem:
+        return problem
     if (latitude_deg is None) != (longitude_deg is None):
         missing = "latitude" if latitude_deg is None else "longitude"
         return f"the {missing} is missing (null or NaN); write both or neither"

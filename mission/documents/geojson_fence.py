@@ -16,10 +16,10 @@ from mission.documents.flight_plan import Plan
 from mission.documents.yaml_file import DocumentError
 from mission.geometry.geofence import Vertex
 
-_GEOMETRIES: Final = frozenset(
-    {"Point", "MultiPoint", "LineString", "MultiLineString", "Polygon", "MultiPolygon", "GeometryCollection"}
-)
-TYPES: Final = _GEOMETRIES | {"Feature", "FeatureCollection"}
+TYPES: Final = (
+    "Point", "MultiPoint", "LineString", "MultiLineString", "Polygon", "MultiPolygon", "GeometryCollection",
+    "Feature", "FeatureCollection",
+)  # fmt: skip
 _WGS84: Final = ("CRS84", "EPSG::4326", "EPSG:4326")
 
 

@@ -14,7 +14,7 @@ from typing import Any, Final, TypeAlias
 import msgspec
 
 from mission.documents.fence_areas import ring
-from mission.documents.flight_plan import Parameters, Plan, PlanItem, item_problem
+from mission.documents.flight_plan import Parameters, Plan, PlanItem, item_problem, place
 from mission.documents.json_text import converted, json_object
 from mission.documents.yaml_file import DocumentError
 from mission.geometry.frames import Geodetic
@@ -289,7 +289,7 @@ def _params(item: _Item, file: str, field: str) -> Parameters | None:
 
 def _point(values: tuple[float, float, float], file: str, field: str) -> Geodetic:
     try:
-        return Geodetic(*values)
+        return place(*values)
     except ValueError as error:
         raise DocumentError(file, str(error), field=field) from error
 

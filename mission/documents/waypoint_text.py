@@ -23,6 +23,7 @@ from mission.documents.flight_plan import (
     Part,
     Plan,
     PlanItem,
+    altitude_problem,
     item_problem,
 )
 from mission.documents.yaml_file import DocumentError
@@ -249,6 +250,9 @@ def _rally_point(row: _Row, home: Geodetic | None, file: str) -> Geodetic:
             f"{FRAMES[row.item.frame]}",
             line=row.line,
         )
+    problem = altitude_problem(altitude_m)
+    if problem:
+        raise DocumentError(file, f"{problem} (row {row.number})", line=row.line)
     return Geodetic(latitude_deg, longitude_deg, altitude_m)
 
 

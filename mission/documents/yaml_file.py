@@ -16,6 +16,7 @@ import yaml
 from msgspec import inspect
 
 from mission.documents import yaml_values
+from mission.documents.printable import printable
 
 T = TypeVar("T")
 _STEPS = re.compile(r"([^.\[\]]+)|\[(\d+)\]")
@@ -35,7 +36,7 @@ class DocumentError(ValueError):
 
 def _visible(text: str) -> str:
     """What a file says stands in its errors: control characters must not reach the terminal, nor a whole page."""
-    shown = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+    shown = printable(text)
     return shown if len(shown) <= _LONGEST_LINE else f"{shown[: _LONGEST_LINE - 1]}…"
 
 
@@ -43,7 +44,7 @@ _LONGEST_LINE = 600
 _LARGEST_BYTES = 16 << 20
 """Larger than any file that a person writes, or a ground station for one."""
 _OTHERS = (
-    ((b"\xff\xfe", b"\xfe\xff"), "it is UTF-16 text; save it as UTF-8"),
+    ((b"\xff\xfe", b"\xfe\xff"), "it is UTF-16 text, not UTF-8; save it as UTF-8"),
     ((b"PK\x03\x04",), "it is a zip archive (a .kmz file is one); unpack it and give the file in it"),
     ((b"\x1f\x8b",), "it is compressed; unpack it"),
 )

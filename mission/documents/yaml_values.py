@@ -139,7 +139,7 @@ def compose(text: str) -> yaml.Node | None:
 
 def text_of(value: Any) -> str:
     """YAML that `load` reads as `value` again, and any other reader too."""
-    return str(yaml.dump(value, Dumper=_Dumper, sort_keys=False))
+    return str(yaml.dump(value, Dumper=_Dumper, sort_keys=False, width=110))
 
 
 def _refuse_size(text: str) -> None:

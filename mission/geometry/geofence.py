@@ -54,7 +54,7 @@ class Geofence(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def problems(self) -> list[str]:
         """What is wrong with this fence, one clear sentence each; empty for a fence that can be flown."""
         found: list[str] = []
-        corner = self._first_point()
+        corner = self.first_point()
         if corner is None:
             return found
         if not all(math.isfinite(number) for number in corner):
@@ -79,7 +79,8 @@ class Geofence(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             )
         return found
 
-    def _first_point(self) -> Vertex | None:
+    def first_point(self) -> Vertex | None:
+        """A corner of the fence, or a circle's centre; None for a fence of nothing."""
         for polygon in (*self.inclusion, *self.exclusion):
             if polygon:
                 return polygon[0]

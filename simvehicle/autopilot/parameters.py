@@ -9,12 +9,13 @@ from __future__ import annotations
 import dataclasses
 import math
 import struct
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from simvehicle.autopilot import parameter_tables
+from simvehicle.autopilot import parameter_tables, px4_parameter_table
 from simvehicle.autopilot.channel import Channel, ChannelPeer, Handler
 
 _TYPES = {
@@ -23,13 +24,14 @@ _TYPES = {
     "I32": (mavlink.MAV_PARAM_TYPE_INT32, -(2**31), 2**31 - 1),
     "F32": (mavlink.MAV_PARAM_TYPE_REAL32, -math.inf, math.inf),
 }
-_TABLES = {"ardupilot": (parameter_tables.ARDUPILOT, False), "px4": (parameter_tables.PX4, True)}
+_TABLES = {"ardupilot": (parameter_tables.ARDUPILOT, False), "px4": (px4_parameter_table.PX4, True)}
 """By flavour: the parameters, and whether integers travel byte by byte."""
 _UNGROUPED = frozenset(parameter_tables.ARDUPILOT_UNGROUPED.split())
 _CUT_OFF = 0.01
 """What ArduPilot adds to a float's amount before it makes an integer of it (AP_Param::set_float)."""
 _ALIKE = 1e-4
 """A value that differs from the default by less than this part is taken for the default and not saved."""
+HASH = "_HASH_CHECK"
 UNASKED = 65535
 """param_index of a PARAM_VALUE that answers no request for an index."""
 
@@ -118,6 +120,16 @@ class Parameters:
             name.encode(), value, kind, len(self.names), self._index[name] if index is None else index
         )
 
+    def hash_message(self) -> Any:
+        """The sum over names and values by which a ground station knows that it has them all already."""
+        total = 0
+        for name in self.names:
+            total = zlib.crc32(struct.pack("<f", self.encoded(name)[0]), zlib.crc32(name.encode(), total))
+        value = struct.unpack("<f", struct.pack("<I", total))[0]
+        return mavlink.MAVLink_param_value_message(
+            HASH.encode(), value, mavlink.MAV_PARAM_TYPE_UINT32, len(self.names), UNASKED
+        )
+
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class ParameterStyle:
@@ -128,6 +140,10 @@ class ParameterStyle:
     unknown: Callable[[Channel, ChannelPeer, str], None]
     """Somebody asked for a name ("#17": an index) that does not exist."""
     list_requested: Callable[[], None]
+    corrects_types: bool = True
+    """A PARAM_SET of another type than the parameter's is answered with the value that stays; else with nothing."""
+    has_hash: bool = False
+    """A sum over all parameters goes before their list, as if it were one."""
 
 
 class ParameterServer:
@@ -176,6 +192,8 @@ class ParameterServer:
 
     def _request_list(self, channel: Channel, _peer: ChannelPeer, _message: Any) -> None:
         self._sending[channel.link] = 0
+        if self._style.has_hash:
+            channel.send(self._parameters.hash_message())
         self._style.list_requested()
 
     def _request_read(self, channel: Channel, peer: ChannelPeer, message: Any) -> None:
@@ -187,7 +205,9 @@ class ParameterServer:
                 channel.send(self._parameters.message(names[message.param_index]))
             return
         name = str(message.param_id)
-        if name in self._parameters:
+        if self._style.has_hash and name == HASH:
+            channel.send(self._parameters.hash_message())
+        elif name in self._parameters:
             channel.send(self._parameters.message(name, self._style.named_index))
         else:
             self._style.unknown(channel, peer, name)
@@ -198,6 +218,8 @@ class ParameterServer:
             self._style.unknown(channel, peer, name)
             return
         value = self._parameters.decoded(name, message.param_value, message.param_type)
+        if value is None and not self._style.corrects_types:
+            return
         told = None
         if value is not None:
             self.set(name, value)

@@ -55,19 +55,28 @@ class AgentFlight:
         self.setpoints: list[Any] = []
         """Of the newest tick."""
 
-    def tick(self, *commands: CommandName, silent: bool = False, beside: bytes = b"") -> Outputs:
-        """`beside`: what others say on the vehicle's link."""
+    def tick(
+        self,
+        *commands: CommandName,
+        silent: bool = False,
+        beside: bytes = b"",
+        storage: str = "",
+        without_recording: bool = False,
+    ) -> Outputs:
+        """`beside`: what others say on the vehicle's link; `storage`: why nothing is recorded."""
         self.now_s += TICK_S
         said = beside + (b"" if silent else self.autopilot.say(self.now_s))
         peers = tuple(
             PeerMessage(
                 "command",
                 "ground",
-                topics.COMMAND.codec.encode(Command(f"{name}-{len(self.inputs)}", "ground", 0, name)),
+                topics.COMMAND.codec.encode(
+                    Command(f"{name}-{len(self.inputs)}", "ground", 0, name, without_recording)
+                ),
             )
             for name in commands
         )
-        inputs = Inputs(said, (), peers)
+        inputs = Inputs(said, (), peers, storage=storage)
         outputs = self.agent.step(self.now_s, inputs)
         self.inputs.append((self.now_s, inputs))
         self.outputs.append(outputs)
@@ -198,6 +207,58 @@ def test_a_command_that_brings_it_down_gives_the_vehicle_to_the_autopilot(
     assert flight.autopilot.mode == mode
     flight.autopilot.armed, flight.autopilot.up_m = False, 0.0
     assert flight.tick().status.phase is Phase.LANDED
+
+
+FULL = "flights/drone-1-7.mcap: recording has ended: No space left on device"
+
+
+def test_a_flight_that_cannot_be_recorded_is_not_started_unless_told_otherwise(flight: AgentFlight) -> None:
+    flight.tick(storage=FULL)
+    (outcome,) = told(flight.tick(CommandName.START, storage=FULL), CommandOutcome)
+    assert (outcome.result, flight.outputs[-1].status.phase) == (Result.REFUSED, Phase.DISARMED)
+    assert outcome.reason == f"{FULL}; mend it, or start with --without-recording"
+    (outcome,) = told(flight.tick(CommandName.START, storage=FULL, without_recording=True), CommandOutcome)
+    assert (outcome.result, flight.outputs[-1].status.phase) == (Result.ACCEPTED, Phase.ARMING)
+
+
+def test_a_disk_that_fills_up_in_flight_is_told_and_ends_nothing(flight: AgentFlight) -> None:
+    flight.to(Phase.SEARCHING)
+    for _ in range(10):
+        outputs = flight.tick(storage=FULL)
+        assert outputs.status.phase is Phase.SEARCHING
+        assert len(flight.setpoints) == 1
+    states = [state for tick in flight.outputs[-5:] for state in told(tick, DroneState)]
+    assert {state.storage for state in states} == {FULL}
+    (outcome,) = told(flight.tick(CommandName.START, storage=FULL), CommandOutcome)
+    assert outcome.result is Result.ACCEPTED, "it flies already"
+    for _ in range(3):
+        flight.tick()
+    assert flight.events("recording") == [
+        (Severity.WARNING, FULL),
+        (Severity.INFO, "the flight is recorded again"),
+    ]
+    assert [s.storage for tick in flight.outputs[-2:] for s in told(tick, DroneState)] == [""]
+
+
+def test_a_drone_whose_number_another_agent_has_is_not_started(flight: AgentFlight) -> None:
+    flight.tick()
+    (state,) = [s for tick in [flight.tick(), flight.tick()] for s in told(tick, DroneState)]
+    twin = msgspec.structs.replace(state, incarnation=99)
+    message = PeerMessage("state", "1", topics.STATE.codec.encode(twin))
+    start = PeerMessage(
+        "command", "ground", topics.COMMAND.codec.encode(Command("s", "ground", 0, CommandName.START))
+    )
+    flight.now_s += TICK_S
+    outputs = flight.agent.step(
+        flight.now_s, Inputs(flight.autopilot.say(flight.now_s), (), (message, start))
+    )
+    (outcome,) = told(outputs, CommandOutcome)
+    assert outcome.result is Result.REFUSED
+    assert "another agent says that it is drone 1 too" in outcome.reason
+    for _ in range(60):
+        flight.tick()
+    (outcome,) = told(flight.tick(CommandName.START), CommandOutcome)
+    assert outcome.result is Result.ACCEPTED, "the twin is gone"
 
 
 STRANGERS = (

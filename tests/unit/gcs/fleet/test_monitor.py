@@ -203,6 +203,23 @@ def test_two_agents_with_one_id(fleet, state, on_air, frame):
     assert "identity" in codes(monitor)[1]
 
 
+def test_what_is_not_recorded_is_an_alarm_while_it_lasts(fleet):
+    swarm, monitor = fleet(), Monitor(AlarmLimits())
+    full = "flights/drone-1-7.mcap: recording has ended: No space left on device"
+    swarm.talking[1] = {"storage": full}
+    swarm.view.storage = "flights/swarm.mcap: recording has ended: No space left on device"
+    run(monitor, swarm, 0.0, 5.0)
+    assert codes(monitor) == {0: {"recording"}, 1: {"recording"}}
+    own, drones = monitor.alarms
+    assert own.text == f"the ground station's {swarm.view.storage}"
+    assert (drones.severity, drones.text) == (Severity.WARNING, full)
+    assert swarm.view.rows(5.0)[0].storage == full
+    swarm.talking[1], swarm.view.storage = {}, ""
+    run(monitor, swarm, 5.5, 10.0)
+    assert monitor.alarms == []
+    assert swarm.view.rows(10.0)[0].storage == ""
+
+
 def test_a_command_that_a_live_drone_does_not_answer(fleet, on_air):
     swarm, monitor = fleet(), Monitor(AlarmLimits())
     swarm.tick(1.0)
