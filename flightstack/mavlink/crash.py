@@ -72,7 +72,9 @@ class CrashWatch:
         fall = self._fall
         if down_mps >= FALL_MPS:
             fastest_mps = down_mps if fall is None else max(down_mps, fall.fastest_mps)
-            self._fall = _Fall(fastest_mps, down_mps, now_s, self._amsl_m if fall is None else fall.from_amsl_m)
+            self._fall = _Fall(
+                fastest_mps, down_mps, now_s, self._amsl_m if fall is None else fall.from_amsl_m
+            )
             return
         if fall is None or self.reason:
             self._amsl_m = amsl_m
