@@ -12,9 +12,9 @@ from typing import Any
 
 import mutations
 import pytest
+from reader import assert_tried, reading
 from trial import run_cases
 
-from flightstack.errors import FlightstackError
 from flightstack.mavlink.modes import Flavour
 from gcs.plans.checks import check_plan
 from gcs.plans.mission_items import fence_items, mission_items, plan_items, rally_items
@@ -24,11 +24,9 @@ from mission.documents.plan_file import parse_plan, plan_text, read_plan, waypoi
 from mission.documents.yaml_file import DocumentError
 from mission.geometry.geofence import Geofence
 from sensors.calibration.side_by_side import load as load_calibrations
-from sensors.instruments.sensor_error import SensorError
 from sensors.serial.captures import read_samples
 
 DATA = pathlib.Path(__file__).parent.parent / "data"
-USER_ERRORS = (DocumentError, FlightstackError, SensorError)
 
 
 def files(*patterns: str) -> list[bytes]:
@@ -37,29 +35,6 @@ def files(*patterns: str) -> list[bytes]:
     ]
     assert found
     return [path.read_bytes() for path in found]
-
-
-def refused(error: Exception, path: pathlib.Path) -> str:
-    """A user's error is one line that names the file and can be shown."""
-    text = str(error)
-    assert path.name in text
-    assert text.isprintable()
-    assert len(text) < 2000
-    return "refused"
-
-
-def reading(path: pathlib.Path, take: Callable[[pathlib.Path], None]) -> Callable[[bytes], str]:
-    """Write a case to `path`, read it, and say what came of it."""
-
-    def read(data: bytes) -> str:
-        path.write_bytes(data)
-        try:
-            take(path)
-        except USER_ERRORS as error:
-            return refused(error, path)
-        return "read"
-
-    return read
 
 
 def areas(fence: Geofence | None) -> int:
@@ -142,12 +117,6 @@ def test_a_damaged_plan(kind: str, cases: int, tmp_path: pathlib.Path) -> None:
             check_accounted(plan, text)
 
     assert_tried(run_cases(cases, mutator.case, reading(tmp_path / f"case.{kind}", take)))
-
-
-def assert_tried(outcomes: dict[str, int]) -> None:
-    """Both happen: damage that is no longer a file of its kind, and damage that is still one."""
-    assert outcomes["read"], outcomes
-    assert outcomes["refused"], outcomes
 
 
 def waypoint_seeds() -> list[bytes]:
