@@ -11,8 +11,9 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
-from flightstack.autopilot import AutopilotSession, TakenBy, VehicleReport
+from flightstack.autopilot import AutopilotSession, OwnFence, TakenBy, VehicleReport
 from flightstack.config import DroneConfig
+from flightstack.flight.fence_conflict import fence_conflict
 from flightstack.flight.guard import Guard, Guarded, PositionTarget
 from flightstack.flight.guidance import over_the_top, underneath
 from flightstack.flight.homecoming import Homecoming
@@ -27,7 +28,7 @@ from flightstack.sensing.filter_stage import PortInput, Sensed, Sensing
 from flightstack.swarm import topics
 from flightstack.swarm.announcements import OwnFacts
 from flightstack.swarm.member import SwarmMember, SwarmView
-from flightstack.swarm.news import Note
+from flightstack.swarm.news import Note, TextNotes
 from flightstack.swarm.topics import Received
 from flightstack.swarm.wire import Event, Phase, Severity
 from mission.geometry.formation import make_layout
@@ -98,7 +99,12 @@ class Agent:
         self.config = config
         self.frame = LocalFrame(config.origin)
         self.phase = FlightPhase(config.drone)
-        self._session = AutopilotSession(config.drone, self.frame, config.autopilot)
+        fence = LocalFence(self.frame, config.geofence) if config.geofence else None
+
+        def conflict(autopilots: OwnFence, home_ned_m: Vector3) -> str:
+            return fence_conflict(autopilots, home_ned_m, fence, config.limits, self.frame)
+
+        self._session = AutopilotSession(config.drone, self.frame, config.autopilot, conflict)
         self._sensing = Sensing(config.instruments, config.filters)
         self._relay = AutopilotRelay(config.instruments)
         self._layout = make_layout(config.formation.layout, config.formation.spacing_m)
@@ -111,7 +117,6 @@ class Agent:
             lost_after_s=config.limits.peer_lost_s,
             tick_s=1.0 / config.tick_hz,
         )
-        fence = LocalFence(self.frame, config.geofence) if config.geofence else None
         self._guard = Guard(config.limits, fence)
         layer = config.swarm.members.index(config.drone) % config.formation.layers
         self._layer_above_home_m = config.formation.above_home_m + config.formation.layer_gap_m * (layer + 1)
@@ -129,6 +134,7 @@ class Agent:
         self._best_ppm: float | None = None
         self._crash = ""
         """How and where the vehicle crashed since it was armed."""
+        self._texts = TextNotes()
         self._defects: set[str] = set()
         self._storage = ""
         self._ticks = 0
@@ -142,7 +148,7 @@ class Agent:
         received = (Received(topics.TOPICS[m.topic], m.sender, m.payload) for m in inputs.peers)
         swarm = self._swarm.step(now_s, received, self._decision, vehicle.position_ned_m)
         notes = [*self._storage_notes(inputs.storage), *swarm.refused]
-        notes += [Note(_severity(text.severity), "statustext", text.text) for text in vehicle.new_texts]
+        notes += self._texts.notes(now_s, vehicle.new_texts)
         if vehicle.stood_still_s:
             text = f"this program stood still for {vehicle.stood_still_s:.1f} s and sent no setpoints"
             notes.append(Note(Severity.WARNING, "stood_still", text))
@@ -389,10 +395,3 @@ class Agent:
         else:
             self._session.target_velocity(guarded.setpoint.velocity_ned_mps, None)
         return guarded
-
-
-def _severity(mavlink_severity: int) -> Severity:
-    """MAV_SEVERITY (0 emergency … 7 debug) as ours."""
-    if mavlink_severity <= 2:
-        return Severity.CRITICAL
-    return Severity.WARNING if mavlink_severity <= 4 else Severity.INFO

@@ -14,7 +14,7 @@ from flightstack.mavlink.link import LinkError, check_link
 from flightstack.sensing.filter_stage import co2_settings, wind_settings
 from flightstack.transport.claims import Claim, clashes, endpoint_claim, link_claim, port_claim
 from flightstack.transport.endpoints import endpoint_problems
-from mission.documents.fence_section import FenceSection, read_section
+from mission.documents.fence_section import FenceChoice, read_section
 from mission.documents.yaml_file import DocumentError, line_of, parse, read_text
 from mission.geometry.formation import make_layout
 from mission.geometry.frames import LocalFrame
@@ -31,7 +31,7 @@ FASTEST = 100.0
 
 
 class _DroneFile(DroneConfig, frozen=True, kw_only=True):
-    geofence: FenceSection | None = None
+    geofence: FenceChoice = None  # type: ignore[assignment]  # until it is read: areas, or a file's name
 
 
 def load(path: str | pathlib.Path) -> DroneConfig:

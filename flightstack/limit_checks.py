@@ -98,6 +98,8 @@ def parameter_problems(autopilot: AutopilotConfig, limits: LimitsConfig) -> Iter
                 f"a parameter's name has 1 to 16 letters, digits and underscores; {name!r} has {len(name)}",
             )
             continue
+        if name != name.upper():
+            yield field, f"autopilots write the names of parameters in capitals: {name.upper()}"
         problem = _value_problem(autopilot.flavour, value)
         if problem:
             yield field, f"{name} {problem}"

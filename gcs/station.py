@@ -27,7 +27,7 @@ from flightstack.swarm.wire import (
     Traffic,
     TrafficVehicle,
 )
-from gcs.fleet.monitor import Monitor, ended, on_the_wire
+from gcs.fleet.monitor import Alarm, Monitor, ended, on_the_wire
 from gcs.fleet.orphans import OrphanKeeper
 from gcs.fleet.proxy import CommandProxy
 from gcs.fleet.vehicle_texts import VehicleTexts
@@ -215,10 +215,18 @@ class Station:
         changes = self.monitor.step(now_s, self.fleet)
         for alarm in changes.raised:
             self._timeline.append(TimelineEntry("/alarm", {"change": "raised", "alarm": alarm}))
-            self._event(alarm.severity, alarm.drone, alarm.code, alarm.text)
+            if not self._told_by_agent(alarm):
+                self._event(alarm.severity, alarm.drone, alarm.code, alarm.text)
         for alarm in changes.cleared:
             self._timeline.append(TimelineEntry("/alarm", {"change": "cleared", "alarm": alarm}))
             self._event(Severity.INFO, alarm.drone, alarm.code, ended(alarm))
+
+    def _told_by_agent(self, alarm: Alarm) -> bool:
+        """Whether the drone's own event has told the beginning of this alarm: once is enough."""
+        agent = self.fleet.agents.get(alarm.drone)
+        if agent is None or agent.state is None:
+            return False
+        return bool({"crash": agent.state.crash, "astray": agent.state.astray}.get(alarm.code))
 
     def _act(self, now_s: float) -> None:
         for change in self._keeper.step(now_s, self.fleet):

@@ -14,7 +14,7 @@ from flightstack.config import Fraction, NotNegative, Positive, Section, SharedC
 from flightstack.mavlink.link import LinkError, check_link
 from flightstack.transport.claims import Claim, clashes, endpoint_claim, link_claim
 from flightstack.transport.endpoints import endpoint_problems
-from mission.documents.fence_section import FenceSection, read_section
+from mission.documents.fence_section import FenceChoice, read_section
 from mission.documents.yaml_file import DocumentError, line_of, parse, read_text
 from mission.geometry.frames import Geodetic
 from mission.geometry.geofence import Geofence
@@ -81,7 +81,7 @@ class GroundConfig(Section, frozen=True, kw_only=True):
 
 
 class _GroundFile(GroundConfig, frozen=True, kw_only=True):
-    geofence: FenceSection | None = None
+    geofence: FenceChoice = None  # type: ignore[assignment]  # until it is read: areas, or a file's name
 
 
 def load(path: str | pathlib.Path) -> GroundConfig:

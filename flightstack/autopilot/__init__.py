@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from flightstack.autopilot.own_fence import OwnFence
 from flightstack.autopilot.report import TakenBy, VehicleReport
 from flightstack.autopilot.requests import RequestKind, RequestOutcome, RequestResult
 from flightstack.autopilot.session import AutopilotSession
@@ -11,6 +12,7 @@ from flightstack.mavlink.statustext import StatusText
 __all__ = [
     "AutopilotSession",
     "Flavour",
+    "OwnFence",
     "RequestKind",
     "RequestOutcome",
     "RequestResult",

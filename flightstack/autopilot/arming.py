@@ -9,6 +9,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.autopilot.mode_exchange import ModeExchange
+from flightstack.autopilot.own_fence import OwnFenceCheck
 from flightstack.autopilot.precautions import Precautions
 from flightstack.autopilot.requests import (
     ARMED_WITHIN_S,
@@ -52,9 +53,11 @@ class Arm(Request):
         vehicle: Telemetry,
         prepare: Prepare | None,
         precautions: Precautions,
+        own_fence: OwnFenceCheck | None,
         ready_timeout_s: float,
     ) -> None:
         super().__init__(now_s, vehicle)
+        self._own_fence = own_fence
         self.precautions = precautions
         self.prepare = prepare
         """None: the parameters are as they should be."""
@@ -69,6 +72,10 @@ class Arm(Request):
     @property
     def step_name(self) -> str:
         return self._step.value
+
+    @property
+    def fence_warning(self) -> str:
+        return self._own_fence.warning if self._own_fence is not None else ""
 
     def is_reached(self, vehicle: Telemetry) -> bool:
         return vehicle.armed and vehicle.is_ours
@@ -99,10 +106,7 @@ class Arm(Request):
             case ArmStep.LOOK:
                 return self._looking(now_s, vehicle)
             case ArmStep.READY:
-                if now_s >= self._until_s and not vehicle.unready_reason(now_s):
-                    self._mode, self._step = ModeExchange(Duty.CONTROL), ArmStep.MODE
-                    return []
-                return self._asking_why(now_s, vehicle)
+                return self._getting_ready(now_s, vehicle)
             case ArmStep.MODE:
                 return self._choosing_mode(now_s, vehicle)
             case ArmStep.ARM:
@@ -114,6 +118,21 @@ class Arm(Request):
                 if now_s >= self._until_s:
                     self._try_again(now_s, vehicle, "arming was accepted but did not come")
         return []
+
+    def _getting_ready(self, now_s: float, vehicle: Telemetry) -> list[Any]:
+        """Until it is ready by its own account, and its own fence is known and not in the way."""
+        check = self._own_fence
+        sent = check.reading.step(now_s, vehicle) if check is not None else []
+        if now_s < self._until_s or vehicle.unready_reason(now_s):
+            return [*sent, *self._asking_why(now_s, vehicle)]
+        if check is not None and not check.reading.done:
+            return sent
+        refusal = check.refusal(vehicle.home_ned_m) if check is not None else ""
+        if refusal:
+            self.end(now_s, RequestOutcome.REFUSED, refusal)
+        else:
+            self._mode, self._step = ModeExchange(Duty.CONTROL), ArmStep.MODE
+        return sent
 
     def _armed(self, now_s: float, vehicle: Telemetry) -> None:
         if vehicle.is_ours or self._asked:
@@ -187,11 +206,19 @@ class Arm(Request):
     def parameter(self, vehicle: Telemetry, fields: Any) -> None:
         if self._step is ArmStep.LOOK:
             self.precautions.parameter(vehicle, fields)
+        elif self._step is ArmStep.READY and self._own_fence is not None:
+            self._own_fence.reading.parameter(vehicle, fields)
         elif self.prepare is not None:
             self.prepare.parameter(vehicle, fields)
 
     def parameter_error(self, fields: Any) -> None:
         if self._step is ArmStep.LOOK:
             self.precautions.parameter_error(fields)
+        elif self._step is ArmStep.READY and self._own_fence is not None:
+            self._own_fence.reading.parameter_error(fields)
         elif self.prepare is not None:
             self.prepare.parameter_error(fields)
+
+    def mission(self, kind: int, fields: Any) -> None:
+        if self._own_fence is not None:
+            self._own_fence.reading.mission(kind, fields)

@@ -34,7 +34,9 @@ _FAILSAFE_TEXT = re.compile(
     r"fail-?safe|breach|crash|thrust loss|motor failure|parachute|terminat|critical battery|link lost|signal lost",
     re.IGNORECASE,
 )
-_NOT_A_FAILSAFE = re.compile(r"clear(ed)?\b|^(pre)?arm:|^preflight|^arming denied|\boff\b", re.IGNORECASE)
+_NOT_A_FAILSAFE = re.compile(
+    r"clear(ed)?\b|^(pre)?arm:|^preflight|^arming denied|^failsafe warning|\boff\b", re.IGNORECASE
+)
 
 
 def is_failsafe_text(text: str) -> bool:
@@ -121,10 +123,10 @@ class Authority:
             if new != old:
                 self._mode_changed(now_s, old, new)
         elif new == mode_of(self._flavour, Duty.CONTROL):
-            self._lapsed_s = None
+            self._lapsed_s = self._text = self._critical_since_s = None
         elif not self._critical or now_s - self._lapsed_s > RESUMES_S:
             # Somebody chose a mode meanwhile, or our setpoints do not reach it: then the failsafe has it for good.
-            self._lapsed_s = None
+            self._lapsed_s = self._text = self._critical_since_s = None
             if self._critical:
                 self._text = (now_s, self.failsafe_reason or "no setpoints reach it")
             self._mode_changed(now_s, mode_of(self._flavour, Duty.CONTROL), new)

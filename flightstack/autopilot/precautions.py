@@ -24,6 +24,8 @@ _LOSS_ACTIONS = {
     6: "Terminate: it falls",
     7: "Disarm: it falls",
 }
+_PATIENCE = "COM_OF_LOSS_T"
+_LONGEST_S = 3.0
 _CONE = "RTL_CONE_ANG"
 
 
@@ -32,10 +34,10 @@ class Precautions:
 
     def __init__(self, decided: Collection[str]) -> None:
         """`decided`: the parameters that the drone's own file sets: whatever their value is, somebody wanted it."""
-        self._left = [ParameterQuery(name) for name in (_LOSS, _CONE) if name not in decided]
+        self._left = [ParameterQuery(name) for name in (_LOSS, _PATIENCE, _CONE) if name not in decided]
         self.refusal = ""
         """Why it must not be armed, and how to mend it."""
-        self.warning = ""
+        self.warnings: list[str] = []
         """What the operator should know."""
 
     def step(self, now_s: float, vehicle: Telemetry) -> list[Any]:
@@ -62,19 +64,24 @@ class Precautions:
             self._left[0].error(fields)
 
     def _judge(self, query: ParameterQuery) -> None:
-        if query.name == _CONE:
-            if query.answer is Answer.ACCEPTED and query.found != 0:
-                self.warning = (
-                    f"{_CONE} is {query.found:g}: near home it returns below RTL_RETURN_ALT, so that drones which "
-                    f"come home by themselves are not kept apart: set it to 0 under autopilot.parameters"
-                )
-        elif query.answer is not Answer.ACCEPTED:
-            self.warning = (
-                f"{_LOSS} does not answer: what this PX4 does when this computer fails is not known"
-            )
-        elif query.found != _RETURN:
-            does = _LOSS_ACTIONS.get(int(query.found), "unknown")
+        name, found = query.name, query.found
+        if query.answer is not Answer.ACCEPTED:
+            if name == _LOSS:
+                what = f"{_LOSS} does not answer: what this PX4 does when this computer fails is not known"
+                self.warnings.append(what)
+        elif name == _LOSS and found != _RETURN:
+            does = _LOSS_ACTIONS.get(int(found), "unknown")
             self.refusal = (
-                f"{_LOSS} is {query.found:g} ({does}) if this computer fails: set it under autopilot.parameters, "
+                f"{_LOSS} is {found:g} ({does}) if this computer fails: set it under autopilot.parameters, "
                 f"to 3 (Return) or to what you want"
+            )
+        elif name == _PATIENCE and found > _LONGEST_S:
+            self.warnings.append(
+                f"{_PATIENCE} is {found:g}: for so many seconds it flies on if this computer fails: set it to 1 "
+                f"under autopilot.parameters"
+            )
+        elif name == _CONE and found != 0:
+            self.warnings.append(
+                f"{_CONE} is {found:g}: near home it returns below RTL_RETURN_ALT, so that drones which "
+                f"come home by themselves are not kept apart: set it to 0 under autopilot.parameters"
             )

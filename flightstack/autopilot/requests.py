@@ -31,6 +31,14 @@ STREAM_BEFORE_OFFBOARD_S = 1.0
 """PX4 takes the Offboard mode only after it has seen setpoints at 2 Hz or more for about a second."""
 
 
+RENAMED = {
+    "RTL_ALT": "RTL_ALT_M, in metres",
+    "SYSID_THISMAV": "MAV_SYSID",
+    "SYSID_MYGCS": "MAV_GCS_SYSID",
+}
+"""Parameters that an ArduCopter of today may know under another name only."""
+
+
 class RequestKind(enum.StrEnum):
     PREPARE = "prepare"
     ARM = "arm"
@@ -155,6 +163,9 @@ class Request:
     def parameter_error(self, fields: Any) -> None:
         """A PARAM_ERROR with these fields has come."""
 
+    def mission(self, kind: int, fields: Any) -> None:
+        """A message of the mission protocol to us has come."""
+
 
 class Prepare(Request):
     """Sets the configured parameters one after the other and reads them back."""
@@ -183,7 +194,9 @@ class Prepare(Request):
                 return sent
             exchange = self._left.pop(0)
             if exchange.answer is not Answer.ACCEPTED:
-                self._failed.append(exchange.reason)
+                renamed = RENAMED.get(exchange.name) if exchange.answer is Answer.SILENCE else None
+                hint = f" (from ArduPilot 4.7 it is {renamed})" if renamed else ""
+                self._failed.append(exchange.reason + hint)
         if self._failed:
             self.end(now_s, RequestOutcome.REFUSED, "parameters: " + "; ".join(self._failed))
         else:

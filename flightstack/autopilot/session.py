@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.autopilot.arming import Arm
+from flightstack.autopilot.own_fence import OwnFence, OwnFenceCheck
 from flightstack.autopilot.precautions import Precautions
 from flightstack.autopilot.report import VehicleReport
 from flightstack.autopilot.requests import (
@@ -72,6 +74,13 @@ RATES_HZ: dict[Flavour, dict[int, float]] = {
     },
 }
 """What the agent needs of each autopilot, in the order in which it is asked for."""
+_MISSION_PROTOCOL = frozenset(
+    (
+        mavlink.MAVLINK_MSG_ID_MISSION_COUNT,
+        mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT,
+        mavlink.MAVLINK_MSG_ID_MISSION_ACK,
+    )
+)
 _MAY_BE_ABSENT = frozenset(
     (
         mavlink.MAVLINK_MSG_ID_WIND,
@@ -87,7 +96,16 @@ _MAY_BE_ABSENT = frozenset(
 class AutopilotSession:
     """One vehicle. `system` is the drone's id and the MAVLink system id of its autopilot and of us."""
 
-    def __init__(self, system: int, frame: LocalFrame, config: AutopilotConfig) -> None:
+    def __init__(
+        self,
+        system: int,
+        frame: LocalFrame,
+        config: AutopilotConfig,
+        fence_conflict: Callable[[OwnFence, Vector3], str] | None = None,
+    ) -> None:
+        """`fence_conflict` says what of an autopilot's own fence around its home (NED, m) stands against flying, ""
+        if nothing does; without it that fence is not asked for."""
+        self._fence_conflict = fence_conflict
         self._config = config
         self._frame = frame
         configured = Flavour.UNKNOWN if config.flavour == "auto" else Flavour(config.flavour)
@@ -104,8 +122,9 @@ class AutopilotSession:
         self._prepared_boot: int | None = None
         self._target: Target | None = None
         self._withheld = ""
-        self._warning = ""
+        self._warnings: tuple[str, ...] = ()
         """What the newest arming found in the autopilot's parameters."""
+        self._fence_warning = ""
         self._stood_still_s = 0.0
         self._report: VehicleReport | None = None
 
@@ -137,6 +156,9 @@ class AutopilotSession:
                     request.acknowledge(now_s, fields.command, fields.result)
         elif request is None:
             return
+        elif kind in _MISSION_PROTOCOL:
+            if self._codec.is_answer_to_us(message):
+                request.mission(kind, fields)
         elif kind == mavlink.MAVLINK_MSG_ID_PARAM_VALUE:
             request.parameter(self._vehicle, fields)
         elif kind == mavlink.MAVLINK_MSG_ID_PARAM_ERROR:
@@ -151,7 +173,8 @@ class AutopilotSession:
             notes = tuple(f"autopilot does not send {layout(kind).name}" for kind in missing)
             if self._vehicle.is_contested(self._now_s):
                 notes = (*notes, "another autopilot speaks under our system id: every vehicle needs its own")
-            notes += tuple(note for note in (self._warning, self._withheld) if note)
+            notes += self._warnings
+            notes += tuple(note for note in (self._fence_warning, self._withheld) if note)
             self._report = self._vehicle.report(self._now_s, refusal, notes, self._stood_still_s)
         return self._report
 
@@ -194,7 +217,9 @@ class AutopilotSession:
         """Prepare, wait until ready, take the mode, start the motors. Keep asking: it lapses after 2 s."""
         preparation = None if self.prepared else self._new_prepare()
         precautions = Precautions(self._config.parameters.keys())
-        self._ask(Arm(self._now_s, self._vehicle, preparation, precautions, self._config.ready_timeout_s))
+        own_fence = None if self._fence_conflict is None else OwnFenceCheck(self._fence_conflict)
+        timeout_s = self._config.ready_timeout_s
+        self._ask(Arm(self._now_s, self._vehicle, preparation, precautions, own_fence, timeout_s))
 
     def takeoff(self, above_home_m: float) -> None:
         """Climb to this height over the origin of the swarm's frame. Keep asking: it lapses after 2 s."""
@@ -268,6 +293,9 @@ class AutopilotSession:
             self._next_heartbeat_s = (now_s if overdue else self._next_heartbeat_s) + HEARTBEAT_S
             messages.append(heartbeat(mavlink.MAV_TYPE_ONBOARD_CONTROLLER))
         messages += self._streams.step(now_s, self._vehicle)
+        messages += self._vehicle.events.sequence.requests(
+            now_s, self._vehicle.system, self._vehicle.component
+        )
         fallback = None
         request = self._request
         if request is not None:
@@ -293,7 +321,8 @@ class AutopilotSession:
         self._newest = (request, now_s)
         self._results.append(request.result)
         if isinstance(request, Arm):
-            self._warning = request.precautions.warning
+            self._warnings = tuple(request.precautions.warnings)
+            self._fence_warning = request.fence_warning
         preparation = request.prepare if isinstance(request, Arm) else request
         if isinstance(preparation, Prepare) and preparation.result is not None:
             done = preparation.result.outcome is RequestOutcome.SUCCEEDED

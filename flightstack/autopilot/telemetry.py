@@ -26,6 +26,8 @@ from flightstack.mavlink.vehicle_state import (
 )
 from mission.geometry.frames import LocalFrame, Vector3, wind_from
 
+FIRST_HEARTBEAT_S = 3.0
+"""Heartbeats come once a second: so long after the start their absence means nothing."""
 PREARM_ROUND_S = 5.0
 """ArduPilot tells what keeps it from arming every 30 s, all of it at once."""
 MOVING_AIR_MPS = 0.01
@@ -36,6 +38,9 @@ EVENTS = vehicle_state.EVENTS | {
     mavlink.MAVLINK_MSG_ID_PARAM_VALUE,
     mavlink.MAVLINK_MSG_ID_PARAM_ERROR,
     mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT,
+    mavlink.MAVLINK_MSG_ID_MISSION_COUNT,
+    mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT,
+    mavlink.MAVLINK_MSG_ID_MISSION_ACK,
 }
 """With STATES the only messages that the agent decodes."""
 
@@ -47,6 +52,7 @@ class Telemetry(VehicleState):
         """`flavour`: as configured; an autopilot of another one is none that we can fly. UNKNOWN: any."""
         self._configured_flavour = flavour
         self._chosen = False
+        self._listening_since_s: float | None = None
         super().__init__(system, AUTOPILOT_COMPONENT, frame)
         self._handlers |= {
             mavlink.MAVLINK_MSG_ID_WIND: self._wind_from,
@@ -59,6 +65,11 @@ class Telemetry(VehicleState):
         self.new_values: list[tuple[str, float]] = []
         self.new_wind: tuple[Vector3, float | None] | None = None
         """The newest wind estimate (NED, m/s) and its standard deviation since `clear_news`."""
+
+    def flush(self, now_s: float) -> None:
+        if self._listening_since_s is None:
+            self._listening_since_s = now_s
+        super().flush(now_s)
 
     def _forget(self) -> None:
         super()._forget()
@@ -168,6 +179,8 @@ class Telemetry(VehicleState):
             # Once ours was heard, others that pass by explain nothing.
             if self._unfit is not None and not self._chosen and now_s - self._unfit[1] < HEARTBEAT_LOST_S:
                 return self._unfit[0]
+            if self._listening_since_s is not None and now_s - self._listening_since_s < FIRST_HEARTBEAT_S:
+                return "no heartbeat of the autopilot yet"
             return "no heartbeat of the autopilot: check the cable, the baud rate and autopilot.link"
         if not self._is_copter:
             return f"vehicle type {self.vehicle_type} (MAV_TYPE) is not a multicopter or helicopter"

@@ -36,6 +36,8 @@ WHY = {
     CommandName.PAUSE: "paused by command",
     CommandName.RESUME: "resumed by command",
     CommandName.ABORT: "survey aborted by command",
+    CommandName.RTL: "by command; the autopilot returns and lands by itself",
+    CommandName.LAND: "by command, where it is",
 }
 
 
@@ -226,7 +228,7 @@ class FlightPhase:
         return swarm.must_return
 
     def _obey(self, now_s: float, name: CommandName, vehicle: VehicleFacts) -> None:
-        why = WHY.get(name, f"{name} by command")
+        why = WHY[name]
         if name in DOWNWARDS:
             if self.phase is Phase.ARMING:
                 self._prompt = Ask.DISARM if vehicle.armed else None

@@ -204,6 +204,45 @@ class ParameterExchange:
             self._refuse(f"{self.name} is {found} now, it should be {wanted}")
 
 
+class ParameterReading:
+    """Asks for parameters by name, all at once, until each has come or was asked for often enough."""
+
+    def __init__(self, names: tuple[str, ...]) -> None:
+        self.values: dict[str, float] = {}
+        self._open = list(names)
+        self._sent = 0
+        self._next_s = -math.inf
+
+    @property
+    def done(self) -> bool:
+        return not self._open or self._sent > REPEATS
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """What has not come."""
+        return tuple(self._open)
+
+    def step(self, now_s: float, vehicle: VehicleState) -> list[Any]:
+        if self.done or now_s < self._next_s:
+            return []
+        self._sent += 1
+        self._next_s = now_s + REPEAT_S
+        if self._sent > REPEATS:
+            return []
+        return [_request(vehicle, name) for name in self._open]
+
+    def value(self, flavour: Flavour, fields: Any) -> None:
+        """A PARAM_VALUE with these fields has come."""
+        if fields.param_id in self._open:
+            self._open.remove(fields.param_id)
+            self.values[fields.param_id] = decode(flavour, fields.param_type, fields.param_value)
+
+    def error(self, fields: Any) -> None:
+        """A PARAM_ERROR with these fields has come: this autopilot does not have it."""
+        if fields.param_id in self._open:
+            self._open.remove(fields.param_id)
+
+
 def _request(vehicle: VehicleState, name: str) -> Any:
     by_name = -1
     return mavlink.MAVLink_param_request_read_message(

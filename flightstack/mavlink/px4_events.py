@@ -11,6 +11,7 @@ import enum
 import re
 from typing import Any, Final, NamedTuple
 
+from flightstack.mavlink.event_sequence import Arrival, EventSequence
 from flightstack.mavlink.modes import px4_mode_bit
 from flightstack.mavlink.px4_event_table import CHECKS, REPORT_BEGIN, REPORT_END, TOLD, event_id
 from flightstack.mavlink.statustext import StatusText
@@ -23,6 +24,8 @@ WARNING: Final = 4
 _LEAST: Final = 6
 """What is told: the levels below (debug, protocol, disabled) are not meant for people."""
 ALL_MODES: Final = 0xFFFFFFFF
+_MOST = 64
+"""Of anything that is kept: a real one has far less, whatever comes on a link."""
 _BEGIN, _END = event_id(REPORT_BEGIN), event_id(REPORT_END)
 _NO_SETPOINTS = frozenset(map(event_id, ("check_modes_offboard_signal", "check_modes_offboard_signal_lost")))
 _APPENDS_CHECKS = frozenset(
@@ -71,6 +74,7 @@ class Px4Events:
         """What the newest report complains of."""
         self.can_arm_modes: int | None = None
         """Bit for bit the modes (`px4_mode_bit`) in which it could be armed; None before the first report."""
+        self.sequence = EventSequence()
         self._speaks = False
         """This autopilot sends events."""
         self._report: list[FailedCheck] | None = None
@@ -99,6 +103,10 @@ class Px4Events:
         self._speaks = True
         number, arguments = fields.id, bytes(fields.arguments)
         severity = fields.log_levels & 0x0F
+        arrival = self.sequence.take(fields.sequence)
+        # What comes late belongs to a report that is over.
+        if arrival is Arrival.KNOWN or (arrival is Arrival.LATE and (number == _BEGIN or number in CHECKS)):
+            return []
         if number == _BEGIN:
             self._report = []
             self.can_arm_modes = int.from_bytes(arguments[9:13], "little")
@@ -107,7 +115,7 @@ class Px4Events:
             return self._end_report(now_s, armed=armed)
         check = _check(number, severity, arguments, self._report is not None)
         if check is not None:
-            if self._report is not None:
+            if self._report is not None and len(self._report) < _MOST:
                 self._report.append(check)
             return []
         if severity > _LEAST:
@@ -137,16 +145,21 @@ class Px4Events:
             if is_twin:
                 self._waiting.remove(waiting)
                 return [text]
-        self._waiting.append(_Waiting(now_s + TWIN_S, text, _Source.TEXT))
+        self._wait(_Waiting(now_s + TWIN_S, text, _Source.TEXT))
         return []
 
     def expire(self, now_s: float) -> list[StatusText]:
         """What has waited for its twin in vain; call it every tick."""
+        if self._told:
+            self._told = [(until_s, told) for until_s, told in self._told[-_MOST:] if until_s > now_s]
         if not self._waiting:
             return []
         over = [waiting.text for waiting in self._waiting if waiting.until_s <= now_s]
         self._waiting = [waiting for waiting in self._waiting if waiting.until_s > now_s]
         return over
+
+    def _wait(self, waiting: _Waiting) -> None:
+        self._waiting = [*self._waiting[1 - _MOST :], waiting]
 
     def _tell(self, now_s: float, text: StatusText, told: str) -> list[StatusText]:
         """Tell a known event, and not the text that says `told`, whenever it comes."""
@@ -159,7 +172,7 @@ class Px4Events:
             if waiting.source is _Source.TEXT:
                 self._waiting.remove(waiting)
                 return [waiting.text]
-        self._waiting.append(_Waiting(now_s + TWIN_S, number, _Source.UNKNOWN))
+        self._wait(_Waiting(now_s + TWIN_S, number, _Source.UNKNOWN))
         return []
 
     def _drop_text(self, told: str) -> bool:
@@ -180,7 +193,7 @@ class Px4Events:
             if armed and check.number not in before and check.severity <= WARNING:
                 self._drop_text(check.text)
                 text = StatusText(check.severity, check.text)
-                self._waiting.append(_Waiting(now_s + TWIN_S, text, _Source.CHECK))
+                self._wait(_Waiting(now_s + TWIN_S, text, _Source.CHECK))
         return []
 
     def _causes(self, now_s: float, mode: int) -> str:

@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.mavlink.codec import MavlinkMessage
 from flightstack.mavlink.crash import CrashWatch
-from flightstack.mavlink.dialect import EventMessage
+from flightstack.mavlink.dialect import CurrentEventSequenceMessage, EventMessage
 from flightstack.mavlink.leaps import LEAP_M, LeapFilter, apart_m
 from flightstack.mavlink.modes import (
     COPTER_TYPES,
@@ -52,6 +52,7 @@ STATES: Final = frozenset(
         mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
         mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
         mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
+        CurrentEventSequenceMessage.id,
     )
 )
 """The messages of which the newest is kept."""
@@ -121,6 +122,7 @@ class VehicleState:
         self.autopilot_type = mavlink.MAV_AUTOPILOT_INVALID
         self.vehicle_type = mavlink.MAV_TYPE_GENERIC
         self.armed = False
+        self.system_status = mavlink.MAV_STATE_UNINIT
         self.custom_mode: int | None = None
         self.mode_since_s = 0.0
         """When the heartbeat first told the present mode."""
@@ -141,6 +143,7 @@ class VehicleState:
             mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: self._estimator,
             mavlink.MAVLINK_MSG_ID_STATUSTEXT: self._statustext,
             EventMessage.id: self._event,
+            CurrentEventSequenceMessage.id: self._event_sequence,
         }
         self._forget()
 
@@ -218,6 +221,7 @@ class VehicleState:
         self.autopilot_type = fields.autopilot
         self.vehicle_type = fields.type
         self.flavour = FLAVOURS.get(fields.autopilot, Flavour.UNKNOWN)
+        self.system_status = fields.system_status
         armed, self.armed = self.armed, bool(fields.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         if self.armed and not armed:
             self._crash = CrashWatch()
@@ -310,8 +314,13 @@ class VehicleState:
             self._told(now_s, text)
 
     def _event(self, now_s: float, fields: Any) -> None:
-        for text in self.events.event(now_s, fields, armed=self.armed):
-            self._text(now_s, text)
+        if self.flavour is Flavour.PX4:
+            for text in self.events.event(now_s, fields, armed=self.armed):
+                self._text(now_s, text)
+
+    def _event_sequence(self, _now_s: float, fields: Any) -> None:
+        if self.flavour is Flavour.PX4:
+            self.events.sequence.told(fields.sequence)
 
     def _told(self, now_s: float, text: StatusText) -> None:
         """One whole status text; of an autopilot that sends events too, it may say what an event says."""

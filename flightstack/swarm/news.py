@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import msgspec
 
+from flightstack.mavlink.statustext import StatusText
 from flightstack.swarm.wire import Severity
 from mission.strategies.contract import Order, Stage
 
@@ -28,6 +29,41 @@ class TreeNews(msgspec.Struct, frozen=True):
     """The order, if it is a new one."""
     joined: bool = False
     """This drone left the survey that it had begun for the one that the others fly."""
+
+
+REPEATED_S = 300.0
+"""Autopilots say again every half minute what keeps them on the ground: that is told so seldom."""
+_REPEATS = ("PreArm: ", "Arm: ", "Preflight Fail: ", "Arming denied")
+"""How texts begin of which a repetition is no news."""
+
+
+class TextNotes:
+    """An autopilot's status texts as notes: each once, also where the autopilot repeats it."""
+
+    def __init__(self) -> None:
+        self._told_s: dict[str, float] = {}
+
+    def notes(self, now_s: float, texts: Iterable[StatusText]) -> list[Note]:
+        return [
+            Note(_severity(text.severity), "statustext", text.text)
+            for text in texts
+            if not self._is_repetition(now_s, text.text)
+        ]
+
+    def _is_repetition(self, now_s: float, text: str) -> bool:
+        if not text.startswith(_REPEATS):
+            return False
+        self._told_s = {told: at_s for told, at_s in self._told_s.items() if now_s - at_s < REPEATED_S}
+        repeated = text in self._told_s
+        self._told_s.setdefault(text, now_s)
+        return repeated
+
+
+def _severity(mavlink_severity: int) -> Severity:
+    """MAV_SEVERITY (0 emergency … 7 debug) as ours."""
+    if mavlink_severity <= 2:
+        return Severity.CRITICAL
+    return Severity.WARNING if mavlink_severity <= 4 else Severity.INFO
 
 
 def tree_notes(news: TreeNews, epoch: int, slots: Mapping[int, int]) -> list[Note]:

@@ -64,6 +64,8 @@ ENDS = {
     "ceiling": "it is below the ceiling again, or on the ground",
     "battery": "its battery is above the limit again",
     "wire": "no more unreadable messages",
+    "recording": "its flight is recorded again",
+    "station": "no second ground station of our name or MAVLink system id is heard any more",
     "crash": "its vehicle was armed or restarted after the crash",
     "astray": "it goes where it is sent again, or is not steered any more",
     "no_ack": "the missing answer has come, or is not waited for any more",
@@ -172,9 +174,12 @@ class Monitor:
                 for condition in self._agent(fleet, agent, agent.state, vehicle):
                     yield drone, condition
             crash = fleet.crash(drone, now_s)
-            if crash:
-                yield drone, Condition("crash", Severity.CRITICAL, f"crashed: {crash}")
             newest = fleet.newest(drone, now_s)
+            if crash:
+                armed = (
+                    "; still armed, its propellers may turn" if newest is not None and newest.armed else ""
+                )
+                yield drone, Condition("crash", Severity.CRITICAL, f"crashed: {crash}{armed}")
             if newest is not None:
                 for condition in self._flight(now_s, fleet, drone, newest):
                     yield drone, condition
@@ -259,7 +264,7 @@ class Monitor:
             yield Condition("frame", Severity.CRITICAL, text)
         airborne = state.airborne or (vehicle is not None and vehicle.airborne)
         if airborne and state.phase in (Phase.DISARMED, Phase.LANDED):
-            text = f"flies in {state.mode}, but its agent is {state.phase}: not flown by its agent"
+            text = f"flies in {state.mode} without its agent, which holds it for {state.phase}"
             yield Condition("unflown", Severity.CRITICAL, text, UNFLOWN_AFTER_S)
         late = agent.late_fraction()
         if late > self._limits.late_ticks_fraction:

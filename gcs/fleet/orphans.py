@@ -8,7 +8,8 @@ What it must not do is end a healthy survey, or fight a person:
 
 * A vehicle that is no member is not ours to command, whatever flew it.
 * A vehicle in any other mode is in the hands of its pilot or of its own failsafe, and is left alone. PX4's
-  own ways into HOLD are not a pilot's: when the setpoints stop, and at the end of its take-off.
+  own ways into other modes are not a pilot's: HOLD at the end of its take-off, and what COM_OBL_RC_ACT says when the
+  setpoints stop. That is a pilot's mode as PX4 comes, in which it sinks to the ground where it is if nobody is there.
 * A companion heard over MAVLink, or surveying agents that still count the drone in, tell that the agent lives
   and only our own radio is bad. (Drones on their way home no longer keep the tree, so they do not testify.)
 * When all agents fall silent at once our own radio is the likelier cause: a longer grace.
@@ -36,7 +37,9 @@ SLOW_REPEAT_S = 2.0
 REFUSALS_UNTIL_LANDING = 6
 """So many commands to return without effect (no position, say): then it is asked to land where it is."""
 FAILSAFE_HOLD_S = 4.0
-"""PX4 leaves OFFBOARD for HOLD within COM_OF_LOSS_T (1 s by default) of the last setpoint."""
+"""PX4 leaves OFFBOARD within COM_OF_LOSS_T (1 s by default) of the last setpoint."""
+PILOT_MODES = frozenset({"POSITION", "ALTITUDE", "MANUAL", "STABILIZED"})
+"""PX4's modes for sticks. Only a failsafe that enters one has the vehicle's state critical."""
 
 
 COMMAND_MEMORY_S = 60.0
@@ -251,7 +254,8 @@ def _px4_by_itself(vehicle: Component, case: _Case, phase: Phase | None) -> bool
     holds = vehicle.custom_mode == mode_of(Flavour.PX4, Duty.HOLD)
     if phase is Phase.TAKEOFF:
         return holds or vehicle.mode == "TAKEOFF"
-    return holds and 0.0 <= vehicle.mode_since_s - case.since_s <= FAILSAFE_HOLD_S
+    sinks = vehicle.mode in PILOT_MODES and vehicle.system_status == mavlink.MAV_STATE_CRITICAL
+    return (holds or sinks) and 0.0 <= vehicle.mode_since_s - case.since_s <= FAILSAFE_HOLD_S
 
 
 def _counted_in(now_s: float, fleet: FleetView, drone: int) -> bool:

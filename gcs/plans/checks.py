@@ -30,6 +30,8 @@ log = logging.getLogger("gcs.plans")
 CEILING_M = 120.0
 """What most countries allow without a permit, over the ground; here over the launch point."""
 
+_ARDUPILOT_VERTICES = 255
+"""Of one polygon: it counts them in one byte."""
 _ON_THE_GROUND = frozenset({mavlink.MAV_CMD_NAV_LAND, mavlink.MAV_CMD_NAV_VTOL_LAND})
 _TAKE_OFFS = frozenset({mavlink.MAV_CMD_NAV_TAKEOFF, mavlink.MAV_CMD_NAV_VTOL_TAKEOFF})
 
@@ -95,7 +97,7 @@ def check_plan(plan: Plan, file: str, *, ceiling_m: float = CEILING_M) -> PlanCh
         warnings.append("no geofence")
     elif fence is not None:
         _check_inside(plan, LocalFence(frame, fence), frame, waypoints, errors)
-        warnings += _nested(fence)
+        warnings += [*_nested(fence), *_many_vertices(fence)]
     _check_distances(plan, waypoints, frame, errors)
     _check_altitudes(plan, waypoints, ceiling_m, errors, warnings)
     heights = [w.above_home_m for w in waypoints if w.above_home_m is not None]
@@ -154,6 +156,14 @@ def _nested(fence: Geofence) -> list[str]:
     return found
 
 
+def _many_vertices(fence: Geofence) -> list[str]:
+    return [
+        f"a geofence polygon of {len(polygon)} vertices: ArduPilot takes {_ARDUPILOT_VERTICES}; draw it simpler"
+        for polygon in (*fence.inclusion, *fence.exclusion)
+        if len(polygon) > _ARDUPILOT_VERTICES
+    ]
+
+
 def _check_distances(plan: Plan, waypoints: list[_Waypoint], frame: LocalFrame, errors: list[str]) -> None:
     places = [(f"item {w.number}", w.point) for w in waypoints]
     places += [(f"rally point {i}", frame.to_ned(point)[:2]) for i, point in enumerate(plan.rally, 1)]
@@ -176,19 +186,19 @@ def _check_altitudes(
         elif above_home_m > ceiling_m:
             errors.append(_too_high(f"item {waypoint.number}", above_home_m, ceiling_m))
         elif above_home_m <= 0.0 and not waypoint.lands:
-            errors.append(
-                f"item {waypoint.number} is {above_home_m:.0f} m above home: at or under the launch"
-            )
+            errors.append(_too_low(f"item {waypoint.number}", above_home_m))
     for number, item in enumerate(plan.items, 1):
         if item.command in _TAKE_OFFS and _place(item) is None:
             above_home_m = _above_home_m(plan, item)
             if above_home_m is not None and above_home_m > ceiling_m:
                 errors.append(_too_high(f"item {number}", above_home_m, ceiling_m))
+            elif above_home_m is not None and above_home_m <= 0.0:
+                errors.append(_too_low(f"item {number}", above_home_m))
     for index, rally in enumerate(plan.rally, 1):
         if rally.amsl_m > ceiling_m:
             errors.append(_too_high(f"rally point {index}", rally.amsl_m, ceiling_m))
         elif rally.amsl_m <= 0.0:
-            errors.append(f"rally point {index} is {rally.amsl_m:.0f} m above home: at or under the launch")
+            errors.append(_too_low(f"rally point {index}", rally.amsl_m))
     first = next((item for item in plan.items if _is_navigation(item)), None)
     if first is not None and first.command not in _TAKE_OFFS:
         warnings.append(
@@ -198,6 +208,10 @@ def _check_altitudes(
 
 def _too_high(what: str, above_home_m: float, ceiling_m: float) -> str:
     return f"{what} is {above_home_m:.0f} m above home, over the ceiling of {ceiling_m:.0f} m"
+
+
+def _too_low(what: str, above_home_m: float) -> str:
+    return f"{what} is {above_home_m:.0f} m above home: at or under the launch"
 
 
 def _waypoints(plan: Plan, frame: LocalFrame) -> list[_Waypoint]:

@@ -12,6 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from mission.documents.flight_plan import (
     FRAMES,
+    GLOBAL_FRAMES,
     LOCAL_FRAMES,
     MISSION_FRAME,
     MOVING_FRAMES,
@@ -35,6 +36,8 @@ _OTHER_LISTS: Final = {
 """Commands of the geofence and of the rally points, which are lists of their own."""
 _PLACES: Final = frozenset({16, 17, 18, 19, 22, 31, 82, 84, 94})
 """Commands whose parameters 5 to 7 are a place or at least an altitude over something."""
+_GOES: Final = _PLACES - {22, 84}
+"""Those that do not start where the vehicle stands."""
 _WINGED: Final = frozenset({30, 83, 3000})
 """NAV_CONTINUE_AND_CHANGE_ALT, NAV_ALTITUDE_WAIT, DO_VTOL_TRANSITION."""
 _COPTERS: Final = frozenset({0, 2, 3, 4, 13, 14, 15, 29, 35, 43})
@@ -45,6 +48,15 @@ _NUMBERS: Final = {
 }  # fmt: skip
 """Parameters without which a command means nothing, from MAV_CMD's own descriptions: turns, seconds, speeds,
 channels. For others "not set" is a value that the autopilot understands."""
+_RANGES: Final = {
+    (16, 1): (0.0, 65535.0, "seconds to wait"),
+    (19, 1): (0.0, 65535.0, "seconds to loiter"),
+    (93, 1): (-1.0, 86400.0, "seconds to wait"),
+    (112, 1): (0.0, 65535.0, "seconds to wait"),
+    (177, 2): (-1.0, 32767.0, "times to jump"),
+    (178, 2): (-2.0, 100.0, "m/s, or -1 and -2 for what it is and its default"),
+}
+"""(command, parameter): what autopilots keep of it, or a multicopter does."""
 _JUMP, _TAG, _JUMP_TO_TAG = 177, 600, 601
 _LARGEST_FLOAT: Final = 3.4028234e38
 _INT32: Final = range(-(1 << 31), 1 << 31)
@@ -82,13 +94,23 @@ def item_problems(plan: Plan) -> Iterator[str]:
 
 
 def item_warnings(plan: Plan) -> Iterator[str]:
-    """What is sent otherwise than the file says."""
+    """What is sent otherwise than the file says, or means two things."""
     for number, item in enumerate(plan.items, 1):
         if item.frame in LOCAL_FRAMES and plan.home is not None:
             yield (
                 f"{item_name(number, item)}: metres about home (frame {FRAMES[item.frame]}), which autopilots do not "
                 "take: it goes up as latitude and longitude about the planned home position"
             )
+
+        if _is_nowhere(item):
+            yield (
+                f"{item_name(number, item)}: it is at 0, 0: to ArduPilot that is where the vehicle is then, to PX4 a "
+                "place in the sea; write the place"
+            )
+
+
+def _is_nowhere(item: PlanItem) -> bool:
+    return item.command in _GOES and item.frame in GLOBAL_FRAMES and item.params[4:6] == (0.0, 0.0)
 
 
 def _command_problems(item: PlanItem) -> Iterator[str]:
@@ -116,6 +138,10 @@ def _number_problems(item: PlanItem) -> Iterator[str]:
             yield f"parameter {position} is not set (null or NaN), and means nothing then; write a number"
     for position, value in enumerate(item.params, 1):
         if value is None:
+            continue
+        least, most, meaning = _RANGES.get((item.command, position), (-math.inf, math.inf, ""))
+        if not least <= value <= most:
+            yield f"parameter {position} is {value:g}, and is {least:g} to {most:g} {meaning}"
             continue
         whole = position in (5, 6) and item.frame == MISSION_FRAME
         if whole and not (float(value).is_integer() and int(value) in _INT32):
@@ -154,5 +180,5 @@ def _jump_problems(items: Sequence[PlanItem]) -> Iterator[str]:
         elif target == item.jump_id:
             yield f"{name}: it jumps to itself"
         repeat = item.params[1]
-        if repeat is not None and (repeat < -1 or not float(repeat).is_integer()):
+        if repeat is not None and not float(repeat).is_integer():
             yield f"{name}: it jumps {repeat:g} times; write a whole number, or -1 for ever"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pathlib
+from typing import TypeAlias
 
 from mission.documents.plan_file import read_fence
 from mission.documents.yaml_file import DocumentError, line_of
@@ -16,14 +17,18 @@ class FenceSection(Geofence, frozen=True, forbid_unknown_fields=True):
     """Relative to the YAML file."""
 
 
-def read_section(
-    section: FenceSection | None, file: str, text: str
-) -> tuple[Geofence | None, tuple[str, ...]]:
+FenceChoice: TypeAlias = FenceSection | str | None
+"""A `geofence:` in a file; a word alone is the file's name."""
+
+
+def read_section(choice: FenceChoice, file: str, text: str) -> tuple[Geofence | None, tuple[str, ...]]:
     """The areas of a `geofence:` of the YAML file named `file`, from the file that it names if it does; and what
     that file holds besides, one sentence each. `DocumentError` for a fence that is no fence to fly in."""
-    if section is None:
+    if choice is None:
         return None, ()
-    line = line_of(text, "geofence.file" if section.file is not None else "geofence")
+    field = "geofence" if isinstance(choice, str) or choice.file is None else "geofence.file"
+    line = line_of(text, field)
+    section = FenceSection(file=choice) if isinstance(choice, str) else choice
     areas = (section.inclusion, section.exclusion, section.inclusion_circles, section.exclusion_circles)
     if section.file is None:
         fence = Geofence(*areas)
@@ -36,5 +41,5 @@ def read_section(
     try:
         fence, warnings = read_fence(path)
     except DocumentError as error:
-        raise DocumentError(file, str(error), line=line, field="geofence.file") from error
+        raise DocumentError(file, str(error), line=line, field=field) from error
     return fence, tuple(f"{path}: {warning}" for warning in warnings)

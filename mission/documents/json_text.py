@@ -13,6 +13,7 @@ from mission.documents.yaml_file import DocumentError
 T = TypeVar("T")
 _DEEPEST: Final = 100
 """No file of these formats has a tenth of it; decoders end in the stack's depth somewhere above."""
+_COMMENT: Final = re.compile(r"^\s*(?://|/\*)|[,{\[\]}0-9\"]\s*(?://|/\*)", re.MULTILINE)
 
 
 def json_object(text: str, file: str) -> Any:
@@ -20,15 +21,15 @@ def json_object(text: str, file: str) -> Any:
     try:
         found: Any = msgspec.json.decode(text)
         _refuse_depth(found)
-        json.loads(text, object_pairs_hook=lambda pairs: _unique(pairs, file))
     except msgspec.DecodeError as error:
         position = re.search(r"byte (\d+)", str(error))
         line = text.encode().count(b"\n", 0, int(position[1])) + 1 if position else None
-        raise DocumentError(file, f"not JSON: {error}", line=line) from error
-    except ValueError as error:  # a number of thousands of digits
-        raise DocumentError(file, "not JSON that can be read: a number is too long") from error
+        hint = "; JSON has no comments: remove them" if _COMMENT.search(text) else ""
+        raise DocumentError(file, f"not JSON: {error}{hint}", line=line) from error
     except RecursionError as error:
         raise DocumentError(file, "not a plan: lists or objects are nested too deeply") from error
+    # msgspec lets the last of several keys win; Python's reader shows them all.
+    json.loads(text, parse_int=str, object_pairs_hook=lambda pairs: _unique(pairs, file))
     return found
 
 

@@ -11,7 +11,8 @@ from mission.documents.flight_plan import Plan, PlanItem
 from mission.documents.geojson_fence import is_geojson, parse_geojson
 from mission.documents.json_text import json_object
 from mission.documents.kml_fence import parse_kml
-from mission.documents.qgc_plan import is_qgc, parse_plan, plan_of, plan_text
+from mission.documents.qgc_plan import is_qgc, parse_plan, plan_of
+from mission.documents.qgc_text import plan_text
 from mission.documents.waypoint_text import parse_waypoints, waypoints_text
 from mission.documents.yaml_file import DocumentError, read_text
 from mission.geometry.geofence import Geofence
@@ -58,7 +59,7 @@ def parse_any(text: str, file: str) -> Plan:
         return parse_waypoints(text, file)
     if start.startswith("<"):
         return parse_kml(text, file)
-    if start.startswith(("{", "[")):
+    if start.startswith(("{", "[", "//", "/*")):
         return _of_json(json_object(text, file), file)
     if is_fence_lines(text):
         return parse_fence_lines(text, file)

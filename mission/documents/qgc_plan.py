@@ -1,7 +1,7 @@
 """QGroundControl's mission files: today's .plan, and the .mission files and items of its older versions.
 
 A plan is read into one flat list of mission items: survey patterns and other complex items are replaced by the
-simple items that they carry. It is written so that reading gives the same plan again.
+simple items that they carry.
 
 Sources: the "Plan File Format" page of QGroundControl's developer guide; files written by its versions 2.9 to 4.4.
 """
@@ -9,61 +9,35 @@ Sources: the "Plan File Format" page of QGroundControl's developer guide; files 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 import msgspec
 
 from mission.documents.fence_areas import ring
-from mission.documents.flight_plan import Parameters, Plan, PlanItem, item_problem, place
+from mission.documents.flight_plan import Plan, place
 from mission.documents.json_text import converted, json_object
+from mission.documents.qgc_items import QgcItem, items_of
 from mission.documents.yaml_file import DocumentError
 from mission.geometry.frames import Geodetic
 from mission.geometry.geofence import WIDEST_M, Circle, Geofence, Vertex
 
-Number: TypeAlias = float | None
-Unset: TypeAlias = msgspec.UnsetType
 _AGAIN: Final = "open the file in QGroundControl and save it again"
-_EXPAND: Final = (
-    "upload the plan from QGroundControl to a (simulated) vehicle, download it there and save that"
-)
-
-
-class _Item(msgspec.Struct, rename="camel"):
-    type: str
-    command: int | None = None
-    frame: int | None = None
-    params: tuple[Number, ...] | None = None
-    auto_continue: bool = True
-    do_jump_id: int = 0
-    complex_item_type: str = ""
-    altitude_mode: int | None = msgspec.field(default=None, name="AltitudeMode")
-    transects: _Transects | None = msgspec.field(default=None, name="TransectStyleComplexItem")
-    coordinate: tuple[Number, Number, Number] | None = None
-    """Versions before 3.2 kept parameters 5 to 7 here, ..."""
-    param1: Number | Unset = msgspec.UNSET
-    """... and until 3.0 the others by name."""
-    param2: Number | Unset = msgspec.UNSET
-    param3: Number | Unset = msgspec.UNSET
-    param4: Number | Unset = msgspec.UNSET
-    id: int = 0
-
-
-class _Transects(msgspec.Struct):
-    items: tuple[_Item, ...] = msgspec.field(default=(), name="Items")
 
 
 class _Mission(msgspec.Struct, rename="camel"):
-    items: tuple[_Item, ...]
+    items: tuple[QgcItem, ...]
     planned_home_position: tuple[float, float, float | None] | None = None
     cruise_speed: float | None = None
     hover_speed: float | None = None
     firmware_type: int | None = None
     vehicle_type: int | None = None
+    version: int = 2
 
 
 class _Polygon(msgspec.Struct):
     polygon: tuple[Vertex, ...]
-    inclusion: bool = True
+    inclusion: bool | None = None
+    version: int = 1
 
 
 class _Round(msgspec.Struct):
@@ -73,7 +47,8 @@ class _Round(msgspec.Struct):
 
 class _Circle(msgspec.Struct):
     circle: _Round
-    inclusion: bool = True
+    inclusion: bool | None = None
+    version: int = 1
 
 
 class _Fence(msgspec.Struct, rename="camel"):
@@ -84,9 +59,11 @@ class _Fence(msgspec.Struct, rename="camel"):
     circle: Any = None
     """... and the autopilot's own circle about home, as a radius."""
     breach_return: Any = None
+    version: int = 2
 
 
 class _Rally(msgspec.Struct):
+    version: int = 2
     points: tuple[tuple[float, float, float], ...] = ()
 
 
@@ -151,10 +128,11 @@ def plan_of(content: dict[str, Any], file: str) -> Plan:
 def _plan(content: dict[str, Any], file: str) -> Plan:
     raw = converted(content, _File, file)
     mission = raw.mission
+    _check_versions(raw, file)
     warnings = list(_unread(content))
     fence = _fence(raw.geo_fence, file, warnings) if raw.geo_fence else None
     return Plan(
-        items=_items(mission.items, file, "mission.items"),
+        items=items_of(mission.items, file, "mission.items"),
         home=_home(mission.planned_home_position, file, "mission.plannedHomePosition"),
         geofence=fence,
         rally=tuple(
@@ -169,12 +147,30 @@ def _plan(content: dict[str, Any], file: str) -> Plan:
     )
 
 
+def _check_versions(raw: _File, file: str) -> None:
+    parts = [("mission", raw.mission.version, 2)]
+    if raw.geo_fence is not None:
+        fence = raw.geo_fence
+        parts.append(("geoFence", fence.version, 2))
+        parts += [(f"geoFence.polygons[{i}]", area.version, 1) for i, area in enumerate(fence.polygons)]
+        parts += [(f"geoFence.circles[{i}]", area.version, 1) for i, area in enumerate(fence.circles)]
+    if raw.rally_points is not None:
+        parts.append(("rallyPoints", raw.rally_points.version, 2))
+    for field, version, newest in parts:
+        if not 1 <= version <= newest:
+            raise DocumentError(
+                file,
+                f"version {version}; this software reads versions up to {newest}",
+                field=f"{field}.version",
+            )
+
+
 # --- before there were plans: .mission files, of missions only ---
 
 
 class _OlderMission(msgspec.Struct, rename="camel"):
-    items: tuple[_Item, ...]
-    planned_home_position: _Item | tuple[float, float, float | None] | None = None
+    items: tuple[QgcItem, ...]
+    planned_home_position: QgcItem | tuple[float, float, float | None] | None = None
     firmware_type: int | None = None
     autopilot: int | None = msgspec.field(default=None, name="MAV_AUTOPILOT")
     complex_items: tuple[Any, ...] = ()
@@ -187,14 +183,14 @@ def _older_mission(content: dict[str, Any], file: str) -> Plan:
             file, f"survey patterns of an old version, which are no waypoints; {_AGAIN}", field="complexItems"
         )
     home = raw.planned_home_position
-    if isinstance(home, _Item):
+    if isinstance(home, QgcItem):
         home = _home_of_item(home, file)
     unknown = set(content) - _NOTES - {
         "items", "plannedHomePosition", "firmwareType", "MAV_AUTOPILOT", "complexItems", "vehicleType",
         "cruiseSpeed", "hoverSpeed",
     }  # fmt: skip
     return Plan(
-        items=_items(raw.items, file, "items"),
+        items=items_of(raw.items, file, "items"),
         home=_home(home, file, "plannedHomePosition"),
         firmware_type=raw.firmware_type if raw.firmware_type is not None else raw.autopilot,
         holds=("mission",),
@@ -205,86 +201,13 @@ def _older_mission(content: dict[str, Any], file: str) -> Plan:
     )
 
 
-def _home_of_item(item: _Item, file: str) -> tuple[float, float, float | None]:
+def _home_of_item(item: QgcItem, file: str) -> tuple[float, float, float | None]:
     latitude_deg, longitude_deg, amsl_m = item.coordinate or (None, None, None)
     if latitude_deg is None or longitude_deg is None:
         raise DocumentError(
             file, "needs a coordinate of latitude, longitude and altitude", field="plannedHomePosition"
         )
     return latitude_deg, longitude_deg, amsl_m
-
-
-# --- items ---
-
-
-def _items(raw: Iterable[_Item], file: str, field: str) -> tuple[PlanItem, ...]:
-    found: list[PlanItem] = []
-    for index, item in enumerate(raw):
-        found += _simple_items(item, file, f"{field}[{index}]")
-    return tuple(found)
-
-
-def _simple_items(item: _Item, file: str, field: str) -> Iterator[PlanItem]:
-    if item.type == "ComplexItem":
-        yield from _carried(item, file, field)
-        return
-    if item.type not in ("SimpleItem", "missionItem"):
-        raise DocumentError(
-            file, f'{item.type!r} is neither "SimpleItem" nor "ComplexItem"', field=f"{field}.type"
-        )
-    params = _params(item, file, field)
-    if item.command is None or item.frame is None or params is None:
-        raise DocumentError(file, "a simple item needs command, frame and 7 params", field=field)
-    simple = PlanItem(
-        command=item.command,
-        frame=item.frame,
-        params=params,
-        auto_continue=item.auto_continue,
-        jump_id=item.do_jump_id or item.id,
-        altitude_mode=item.altitude_mode,
-    )
-    problem = item_problem(simple)
-    if problem:
-        raise DocumentError(file, problem, field=f"{field}.params")
-    yield simple
-
-
-def _carried(item: _Item, file: str, field: str) -> Iterator[PlanItem]:
-    if item.complex_item_type == "StructureScan":
-        raise DocumentError(
-            file,
-            "a structure scan: QGroundControl keeps its settings in the file and not its waypoints, and makes those "
-            f"when it uploads; {_EXPAND}",
-            field=field,
-        )
-    if item.transects is None or not item.transects.items:
-        raise DocumentError(
-            file,
-            f"the complex item of type {item.complex_item_type!r} carries no simple items; in QGroundControl, "
-            f"replace it by waypoints, or {_EXPAND}",
-            field=field,
-        )
-    for index, inner in enumerate(item.transects.items):
-        yield from _simple_items(inner, file, f"{field}.TransectStyleComplexItem.Items[{index}]")
-
-
-def _params(item: _Item, file: str, field: str) -> Parameters | None:
-    """Parameters 1 to 7, wherever the file's version keeps them."""
-    named = (item.param1, item.param2, item.param3, item.param4)
-    given = [value for value in named if not isinstance(value, Unset)]
-    if given and item.params is None:
-        if len(given) < len(named) or item.coordinate is None:
-            raise DocumentError(file, "an item needs param1 to param4 and a coordinate", field=field)
-        first: tuple[Number, ...] = tuple(given)
-    elif item.params is None:
-        return None
-    else:
-        first = item.params
-    values = (*first, *item.coordinate) if item.coordinate is not None and len(first) == 4 else first
-    if len(values) != 7:
-        raise DocumentError(file, f"Expected `array` of length 7, got {len(first)}", field=f"{field}.params")
-    one, two, three, four, x, y, z = values
-    return one, two, three, four, x, y, z
 
 
 def _point(values: tuple[float, float, float], file: str, field: str) -> Geodetic:
@@ -324,7 +247,7 @@ def _fence(raw: _Fence, file: str, warnings: list[str]) -> Geofence | None:
         )
     polygons = list(raw.polygons)
     if raw.polygon:
-        polygons.append(_Polygon(raw.polygon))
+        polygons.append(_Polygon(raw.polygon, inclusion=True))
     if not polygons and not raw.circles:
         return None
     for index, circle in enumerate(raw.circles):
@@ -333,6 +256,16 @@ def _fence(raw: _Fence, file: str, warnings: list[str]) -> Geofence | None:
                 file,
                 f"a radius must be above 0 m and at most {WIDEST_M / 1000.0:g} km; it is {circle.circle.radius:g} m",
                 field=f"geoFence.circles[{index}].circle.radius",
+            )
+
+    kinds = [(f"polygons[{index}]", polygon.inclusion) for index, polygon in enumerate(raw.polygons)]
+    kinds += [(f"circles[{index}]", circle.inclusion) for index, circle in enumerate(raw.circles)]
+    for field, inclusion in kinds:
+        if inclusion is None:
+            raise DocumentError(
+                file,
+                "is missing; write true for an area to stay inside of, false for one to stay out of",
+                field=f"geoFence.{field}.inclusion",
             )
 
     def rounds(inclusion: bool) -> tuple[Circle, ...]:
@@ -379,76 +312,3 @@ def _unknown(content: Any, kind: str, field: str) -> Iterator[str]:
         for key in content:
             if key not in _KNOWN[kind] and key not in _NOTES:
                 yield f"{field}.{key}: not read: this software does not know it".removeprefix(".")
-
-
-# --- writing ---
-
-
-def plan_text(plan: Plan) -> str:
-    """`plan` as a QGroundControl .plan file."""
-    fence = plan.geofence or Geofence()
-    home = plan.home
-    mission: dict[str, Any] = {
-        "version": 2,
-        "firmwareType": plan.firmware_type if plan.firmware_type is not None else 0,
-        "vehicleType": plan.vehicle_type if plan.vehicle_type is not None else 2,
-        "globalPlanAltitudeMode": 1,
-        "items": [_item_object(item) for item in plan.items],
-    }
-    if home is not None:
-        mission["plannedHomePosition"] = [home.latitude_deg, home.longitude_deg, home.amsl_m]
-    if plan.cruise_mps is not None:
-        mission["cruiseSpeed"] = plan.cruise_mps
-    if plan.hover_mps is not None:
-        mission["hoverSpeed"] = plan.hover_mps
-    areas = [(vertices, True) for vertices in fence.inclusion]
-    areas += [(vertices, False) for vertices in fence.exclusion]
-    rounds = [(circle, True) for circle in fence.inclusion_circles]
-    rounds += [(circle, False) for circle in fence.exclusion_circles]
-    document = {
-        "fileType": "Plan",
-        "version": 1,
-        "groundStation": "QGroundControl",
-        "mission": mission,
-        "geoFence": {
-            "version": 2,
-            "polygons": [
-                {"version": 1, "inclusion": inclusion, "polygon": vertices} for vertices, inclusion in areas
-            ],
-            "circles": [
-                {
-                    "version": 1,
-                    "inclusion": inclusion,
-                    "circle": {
-                        "center": [circle.latitude_deg, circle.longitude_deg],
-                        "radius": circle.radius_m,
-                    },
-                }
-                for circle, inclusion in rounds
-            ],
-        },
-        "rallyPoints": {
-            "version": 2,
-            "points": [[point.latitude_deg, point.longitude_deg, point.amsl_m] for point in plan.rally],
-        },
-    }
-    return msgspec.json.format(msgspec.json.encode(document), indent=4).decode() + "\n"
-
-
-def _item_object(item: PlanItem) -> dict[str, Any]:
-    found: dict[str, Any] = {
-        "type": "SimpleItem",
-        "command": item.command,
-        "frame": item.frame,
-        "params": item.params,
-        "autoContinue": item.auto_continue,
-        "doJumpId": item.jump_id,
-    }
-    if item.altitude_mode is not None:
-        # QGroundControl wants the three together.
-        found |= {
-            "AltitudeMode": item.altitude_mode,
-            "Altitude": item.params[6],
-            "AMSLAltAboveTerrain": None,
-        }
-    return found

@@ -39,7 +39,7 @@ _INCLUSION, _EXCLUSION, _ROUND_INCLUSION, _ROUND_EXCLUSION = 5001, 5002, 5003, 5
 _FENCE: Final = range(_RETURN_POINT, _ROUND_EXCLUSION + 1)
 """MAV_CMD_NAV_FENCE_…"""
 _RALLY: Final = 5100
-_FEWEST_VERTICES, _MOST_VERTICES = 3, 255
+_FEWEST_VERTICES, _MOST_VERTICES = 3, 65535
 
 
 class _Row(msgspec.Struct, frozen=True):
@@ -128,7 +128,8 @@ def _number(field: str, file: str, number: int) -> float | None:
     if field.lower().lstrip("+-") in ("inf", "infinity"):
         raise DocumentError(file, f"a parameter is infinite: {field!r}; write a number", line=number)
     if not _NUMBER.fullmatch(field):
-        raise DocumentError(file, f"a field is not a number: {field!r}", line=number)
+        hint = f"; write {field.replace(',', '.')}" if _NUMBER.fullmatch(field.replace(",", ".", 1)) else ""
+        raise DocumentError(file, f"a field is not a number: {field!r}{hint}", line=number)
     value = float(field)
     if math.isinf(value):
         raise DocumentError(file, f"a parameter is infinite: {field!r} is too large", line=number)

@@ -90,6 +90,8 @@ def parse(text: str, kind: type[T], file: str) -> T:
         return msgspec.convert(raw, kind)
     except msgspec.ValidationError as error:
         problem, path = _split(str(error))
+        if "[...]" in path:
+            path = path.replace("[...]", f".{_entry(raw, kind, path, str(error))}", 1)
         if problem.startswith(("Invalid enum value", "Invalid value")) and (choices := _choices(kind, path)):
             problem += f"; write {' or '.join(choices)}"
         raise DocumentError(file, problem, line=line_of(text, path), field=path or None) from error
@@ -128,6 +130,26 @@ def _split(message: str) -> tuple[str, str]:
         path = f"{path}.{unknown[1]}" if path else unknown[1]
         problem = "unknown key; remove it or correct its spelling"
     return problem, path
+
+
+def _entry(raw: Any, kind: type, path: str, message: str) -> str:
+    """The key that msgspec leaves out of the path of a mapping's value ("autopilot.parameters[...]")."""
+    node = raw
+    for name, index in _STEPS.findall(path.partition("[...]")[0]):
+        if isinstance(node, dict):
+            node = node.get(name)
+        elif isinstance(node, list) and index and int(index) < len(node):
+            node = node[int(index)]
+    for key in list(node) if isinstance(node, dict) else ():
+        others = {one: node.pop(one) for one in list(node) if one != key}
+        try:
+            msgspec.convert(raw, kind)
+        except msgspec.ValidationError as error:
+            if str(error) == message:
+                return str(key)
+        finally:
+            node |= others
+    return "…"
 
 
 def _choices(kind: type, path: str) -> list[str]:

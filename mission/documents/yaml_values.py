@@ -81,7 +81,7 @@ def _float(_loader: Any, node: yaml.ScalarNode) -> float:
 def _int(_loader: Any, node: yaml.ScalarNode) -> int:
     text = str(node.value)
     if len(text) > 20 or not abs(int(text)) < 1 << 63:
-        raise refused("the number is too large", node.start_mark)
+        raise refused("a value cannot be read: the number is too large", node.start_mark)
     return int(text)
 
 

@@ -31,6 +31,8 @@ _EVERYWHERE = shapely.box(-1e6, -1e6, 1e6, 1e6)
 """The allowed area of a fence without inclusions, metres."""
 _ARC_SEGMENTS = 32
 """Straight pieces a quarter circle: an arc of 300 m radius is then true to 10 cm."""
+_SLACK_M = 0.5
+"""Two fences of one shape, drawn in different programs, differ by less."""
 _ROUNDING_M = 1e-6
 """How far a computed nearest point may miss the line that it was put on."""
 
@@ -160,6 +162,18 @@ class LocalFence:
         if a == b:
             return bool(shapely.intersects_xy(room, *a))
         return bool(shapely.covers(room, shapely.LineString((a, b))))
+
+    def sticks_out_m(self, margin_m: float, other: LocalFence, other_margin_m: float) -> float:
+        """How far what one may fly inside of this fence, `margin_m` from its lines, reaches out of what one may fly
+        inside of `other`, `other_margin_m` from its lines; 0 where it does not."""
+        inner, outer = self._room(margin_m), other._room(other_margin_m)
+        if inner.is_empty or outer.is_empty:
+            return 0.0 if inner.is_empty else math.inf
+        beyond = shapely.difference(inner, outer.buffer(_SLACK_M))
+        if beyond.is_empty:
+            return 0.0
+        corners = shapely.points(shapely.get_coordinates(beyond))
+        return float(max(shapely.distance(corners, outer)))
 
     def _room(self, margin_m: float) -> BaseGeometry:
         """The allowed area without its rim of `margin_m`, prepared, made once a margin."""

@@ -47,6 +47,7 @@ class Autopilot:
         links: int,
         ready_after_s: float,
         seed: int,
+        quiet: bool = False,
     ) -> None:
         parameters.set(recipe.system_parameter, float(system))
         self.parameters = parameters
@@ -76,6 +77,7 @@ class Autopilot:
                 remote,
                 ground_heard_s,
                 self._set_parameter,
+                quiet,
             )
         )
         self.personality = own

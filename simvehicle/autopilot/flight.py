@@ -12,8 +12,6 @@ from simvehicle.vehicle.dynamics import GRAVITY_MPS2
 from simvehicle.vehicle.vehicle import PhysicalVehicle
 
 TICK_S = 0.02
-_LANDED_AFTER_S = 1.7
-"""From touching the ground to being sure of it; as recorded."""
 
 
 class Flight:
@@ -42,6 +40,8 @@ class Flight:
         self.limits = limits
         self.nav = Navigation(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, False, (0.0, 0.0, 0.0), limits, 0.0)
         self.wind_estimate: Vector3 = (0.0, 0.0, 0.0)
+        self.landed_after_s = 1.7
+        """From touching the ground to being sure of it; as recorded of an ArduCopter."""
         self.after_disarming: list[Callable[[], None]] = []
         """Called in their order when it was disarmed."""
         self._on_ground_s = 0.0
@@ -150,7 +150,7 @@ class Flight:
             self._on_ground_s = 0.0
         elif not self.landed and -wanted_down_mps2 < GRAVITY_MPS2:
             self._on_ground_s += TICK_S
-            if self._on_ground_s >= _LANDED_AFTER_S:
+            if self._on_ground_s >= self.landed_after_s:
                 self.landed = True
                 return True
         return False

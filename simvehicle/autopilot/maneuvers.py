@@ -94,11 +94,20 @@ class Level:
 class TakeOff:
     """Straight up from where it stands. `finished` at the height."""
 
-    def __init__(self, above_home_m: float, *, within_m: float = 0.1, climb_mps: float | None = None) -> None:
-        """`within_m` of the height it is over. `climb_mps`: slower than the limits' climb."""
+    def __init__(
+        self,
+        above_home_m: float,
+        *,
+        within_m: float = 0.1,
+        climb_mps: float | None = None,
+        ramp_s: float = 0.0,
+    ) -> None:
+        """`within_m` of the height it is over. `climb_mps`: slower than the limits' climb, reached in `ramp_s`."""
         self.above_home_m = above_home_m
         self._within_m = within_m
         self._climb_mps = climb_mps
+        self._ramp_s = ramp_s
+        self._begin_s: float | None = None
         self._at_m: tuple[float, float] | None = None
         self.finished = False
 
@@ -111,7 +120,10 @@ class TakeOff:
         off_m = self.above_home_m - nav.above_home_m
         self.finished = nav.airborne and abs(off_m) < self._within_m and abs(nav.velocity_mps[2]) < 0.5
         if self._climb_mps is not None and off_m > self._within_m:
-            return Motion(horizontal_m=self._at_m, down_mps=-min(self._climb_mps, max(off_m, 0.3)))
+            self._begin_s = nav.now_s if self._begin_s is None else self._begin_s
+            share = (nav.now_s - self._begin_s) / self._ramp_s if self._ramp_s else 1.0
+            climb_mps = self._climb_mps * min(1.0, max(0.2, share))
+            return Motion(horizontal_m=self._at_m, down_mps=-min(climb_mps, max(off_m, 0.3)))
         return Motion(horizontal_m=self._at_m, down_m=nav.home_m[2] - self.above_home_m)
 
 

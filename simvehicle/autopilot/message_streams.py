@@ -22,7 +22,7 @@ class StreamStyle:
     """How an autopilot deals with requests for messages."""
 
     first_s: Mapping[int, float]
-    """Message id -> interval of what is sent without being asked for."""
+    """Message id -> interval of what is sent without being asked for …"""
     groups: Mapping[int, Sequence[int]]
     """REQUEST_DATA_STREAM's groups; empty where only SET_MESSAGE_INTERVAL is known."""
     unknown_interval: int
@@ -30,6 +30,10 @@ class StreamStyle:
     unknown_request: int
     nothing_yet: int
     """MAV_RESULT for the request of a message of which there is nothing to tell yet."""
+    companion_first_s: Mapping[int, float] | None = None
+    """… and on the first link, where the companion is, if it gets something else."""
+    unseen: frozenset[int] = frozenset()
+    """Messages that it takes intervals for, and that are not simulated."""
     series: Mapping[int, Callable[[int], Sequence[Any]]] = dataclasses.field(default_factory=dict)
     """Messages that are many: by id what comes of the request for one of them, or (0) for all."""
 
@@ -50,8 +54,12 @@ class MessageStreams:
     def start(self, now_s: float) -> None:
         """Power-up."""
         for channel in self._channels:
-            for message_id, interval_s in self._style.first_s.items():
+            for message_id, interval_s in self._first_s(channel.link).items():
                 channel.set_stream(message_id, interval_s, now_s)
+
+    def _first_s(self, link: int) -> Mapping[int, float]:
+        companions = self._style.companion_first_s
+        return self._style.first_s if link or companions is None else companions
 
     def send_due(self, now_s: float) -> None:
         for channel in self._channels:
@@ -81,12 +89,12 @@ class MessageStreams:
     def _set_interval(self, command: ReceivedCommand) -> int:
         message_id, interval_us = command.whole(0), command.params[1]
         if message_id not in self.messages:
-            return self._style.unknown_interval
+            return ACCEPTED if message_id in self._style.unseen else self._style.unknown_interval
         interval_s: float | None
         if interval_us < 0:
             interval_s = None
         elif interval_us == 0:
-            interval_s = self._style.first_s.get(message_id)
+            interval_s = self._first_s(command.peer.link).get(message_id)
         else:
             interval_s = max(_MINIMUM_INTERVAL_S, interval_us / 1e6)
         self._channels[command.peer.link].set_stream(message_id, interval_s, self._now_s())

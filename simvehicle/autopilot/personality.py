@@ -37,6 +37,8 @@ class SharedParts:
     ground_heard_s: Mapping[int, float]
     """When every ground station was last heard, by system."""
     set_parameter: Callable[[str, float], None]
+    quiet: bool
+    """Its companion's link carries no more than the others: so many simulated vehicles fit into one computer."""
 
 
 class FlightEvents(Protocol):

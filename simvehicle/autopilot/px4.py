@@ -6,6 +6,7 @@ PX4 1.16 whose conversation it repeats.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -34,15 +35,22 @@ from simvehicle.autopilot.px4_modes import Px4Mode
 from simvehicle.autopilot.px4_report import Px4Report
 from simvehicle.autopilot.px4_voice import Px4Voice
 from simvehicle.autopilot.setpoints import motion_of
+from simvehicle.vehicle.dynamics import quaternion_of
 
 _INFO, _WARNING = mavlink.MAV_SEVERITY_INFO, mavlink.MAV_SEVERITY_WARNING
 _CAPABILITIES = 0xE8FF
 _VERSION = 1 << 24 | 16 << 16 | 64
 """1.16.0, alpha."""
 _NO_MISSION = 65535
+_UNKNOWN_COVARIANCE = [math.nan] * 21
+_LANDED_AFTER_S = 4.2
+"""From touching the ground to being sure of it, as recorded: PX4 goes by way of "maybe landed"."""
 _REACHED_AGAIN_S, _REACHED_TIMES = 1.0, 10
 """MISSION_ITEM_REACHED is repeated: it may have been lost."""
 _IGNORES_ALL = 0x3F
+
+_UNSEEN = frozenset((2, 4, 8, 83, 111, 380, 12901, 12904))
+"""PING, TIMESYNC and others that the recorded one sends besides."""
 
 _FIRST_STREAMS_S = {
     mavlink.MAVLINK_MSG_ID_ALTITUDE: 1.0,
@@ -64,6 +72,34 @@ _FIRST_STREAMS_S = {
     mavlink.MAVLINK_MSG_ID_WIND_COV: 2.0,
 }
 """PX4's "normal" profile, as far as we have the messages (mavlink_main.cpp)."""
+
+_COMPANION_HZ = {
+    mavlink.MAVLINK_MSG_ID_ALTITUDE: 10.0,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE: 100.0,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: 50.0,
+    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 0.5,
+    CurrentModeMessage.id: 0.5,
+    mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: 10.0,
+    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1.0,
+    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5.0,
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 50.0,
+    mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: 0.1,
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: 8.0,
+    mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: 50.0,
+    mavlink.MAVLINK_MSG_ID_HOME_POSITION: 0.5,
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 30.0,
+    mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
+    mavlink.MAVLINK_MSG_ID_ODOMETRY: 30.0,
+    mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: 10.0,
+    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: 1.0,
+    mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: 10.0,
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 5.0,
+    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
+    mavlink.MAVLINK_MSG_ID_VFR_HUD: 10.0,
+    mavlink.MAVLINK_MSG_ID_VIBRATION: 0.5,
+    mavlink.MAVLINK_MSG_ID_WIND_COV: 10.0,
+}
+"""The "onboard" profile as recorded, as far as we have the messages; none comes faster than our 50 Hz."""
 
 
 class Px4Events:
@@ -181,7 +217,12 @@ def _unknown_parameter(channel: Channel, peer: ChannelPeer, name: str) -> None:
 
 
 def _messages(
-    system: int, flight: Flight, parameters: Parameters, modes: Px4ModeControl, arming: Px4Arming
+    system: int,
+    flight: Flight,
+    parameters: Parameters,
+    estimate: Px4Estimate,
+    modes: Px4ModeControl,
+    arming: Px4Arming,
 ) -> dict[int, Build]:
     def version() -> Any:
         board = list(b"simvehic")
@@ -209,6 +250,23 @@ def _messages(
         custom = modes.custom_mode
         return CurrentModeMessage(standard_mode=0, custom_mode=custom, intended_custom_mode=custom)
 
+    def odometry() -> Any | None:
+        """Pose and velocity in one, both in the local frame; how sure it is it does not say."""
+        if not estimate.ready:
+            return None
+        frame = mavlink.MAV_FRAME_LOCAL_NED
+        return mavlink.MAVLink_odometry_message(
+            int(flight.time_s * 1e6),
+            frame,
+            frame,
+            *flight.nav.position_m,
+            list(quaternion_of(flight.vehicle.body.attitude_rad)),
+            *flight.nav.velocity_mps,
+            *flight.vehicle.body.rates_radps,
+            _UNKNOWN_COVARIANCE,
+            _UNKNOWN_COVARIANCE,
+        )
+
     def wind() -> Any | None:
         """The vector, NED; only with drag fusion on."""
         if not parameters["EKF2_DRAG_CTRL"] or flight.landed:
@@ -221,6 +279,7 @@ def _messages(
     return {
         mavlink.MAVLINK_MSG_ID_HEARTBEAT: heartbeat,
         mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: version,
+        mavlink.MAVLINK_MSG_ID_ODOMETRY: odometry,
         CurrentModeMessage.id: current_mode,
         mavlink.MAVLINK_MSG_ID_WIND: lambda: None,
         mavlink.MAVLINK_MSG_ID_WIND_COV: wind,
@@ -235,6 +294,7 @@ def _build(parts: SharedParts) -> Personality:
     def back() -> Return:
         return px4_parameters.return_to_launch(parameters, flight)
 
+    flight.landed_after_s = _LANDED_AFTER_S
     missions = MissionStyle(first=0, arrival_m=lambda: parameters["NAV_ACC_RAD"], back=back)
     progress = MissionProgress(flight, parts.lists, missions)
     voice = Px4Voice(flight, announcer)
@@ -286,9 +346,11 @@ def _build(parts: SharedParts) -> Personality:
             unknown_interval=FAILED,
             unknown_request=UNSUPPORTED,
             nothing_yet=REJECTED,
+            companion_first_s=None if parts.quiet else {k: 1.0 / hz for k, hz in _COMPANION_HZ.items()},
+            unseen=_UNSEEN,
             series={AvailableModesMessage.id: available_modes},
         ),
-        messages=_messages(parts.system, flight, parameters, modes, arming),
+        messages=_messages(parts.system, flight, parameters, estimate, modes, arming),
         commands=commands.table(),
         handlers=voice.handlers(),
         split_mode=lambda custom_mode: (custom_mode >> 16 & 0xFF, custom_mode >> 24),

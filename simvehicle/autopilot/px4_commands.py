@@ -113,9 +113,10 @@ class Px4Commands:
         else:
             self._modes.take_off_above_m = None
             above_m = self._parameters["MIS_TAKEOFF_ALT"]
-            text = f"Using default takeoff altitude: {above_m:.1f} m"
-            told = struct.pack("<f", above_m)
-            self._voice.tell("navigator_takeoff_default_alt", _INFO, told, text=text)
+            if self._flight.armed:
+                text = f"Using default takeoff altitude: {above_m:.1f} m"
+                told = struct.pack("<f", above_m)
+                self._voice.tell("navigator_takeoff_default_alt", _INFO, told, text=text)
         return self.enter(Px4Mode.TAKEOFF)
 
     def _mission_start(self, _command: ReceivedCommand) -> int:

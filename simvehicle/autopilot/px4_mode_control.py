@@ -33,7 +33,9 @@ _INFO = mavlink.MAV_SEVERITY_INFO
 _SINK_MPS = 1.0
 """How a pilot's mode goes down, as recorded, when a failsafe chose it and nobody is at the sticks."""
 _TAKE_OFF_SHARE = 0.75
-"""Of MPC_TKO_SPEED: how fast the recorded one climbed on the whole."""
+"""Of MPC_TKO_SPEED: how fast the recorded one climbed on the whole …"""
+_TAKE_OFF_RAMPS = 2.0
+"""… after so many times MPC_TKO_RAMP_T: of thrust, and then of speed."""
 _PILOT_S = 0.5
 """COM_RC_LOSS_T: sticks older than this are no sticks."""
 
@@ -198,6 +200,7 @@ class Px4ModeControl:
                 max(above_m, self._flight.above_home_m),
                 within_m=p["NAV_MC_ALT_RAD"],
                 climb_mps=_TAKE_OFF_SHARE * p["MPC_TKO_SPEED"],
+                ramp_s=_TAKE_OFF_RAMPS * p["MPC_TKO_RAMP_T"],
             )
         return HoldPosition()
 

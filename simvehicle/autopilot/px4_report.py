@@ -24,6 +24,7 @@ _SYSTEM, _REMOTE_CONTROL, _LINKS, _GLOBAL_POSITION = 20, 7, 12, 24
 _PRESENT = 0x28020400
 _LOCAL_POSITION_MODES, _GLOBAL_POSITION_MODES = 0x0011007C, 0x00000038
 _WITHOUT_POSITION = 0x0011407C | 0x00000038 | 0x007E0000
+_CANNOT_ARM_MODES = 0x003C3020
 _ERROR, _WARNING, _INFO, _CRITICAL = 3, 4, 6, 2
 
 Check = tuple[str, int, int, int]
@@ -75,8 +76,7 @@ class Px4Report:
         flight, estimate = self._flight, self._estimate
         checks: list[Check] = [(name, _ALL, _CRITICAL, _SYSTEM) for name in self._faults()]
         if not flight.armed and self._modes.mode in CANNOT_ARM:
-            modes = sum(1 << NAVIGATION_STATES[mode] for mode in CANNOT_ARM)
-            checks.append(("check_modes_cannot_takeoff", modes, _INFO, _SYSTEM))
+            checks.append(("check_modes_cannot_takeoff", _CANNOT_ARM_MODES, _INFO, _SYSTEM))
         if not estimate.gps_detected or not flight.vehicle.estimator.gps:
             checks.append(("check_estimator_gps_fix_too_low", _GLOBAL_POSITION_MODES, _WARNING, _SYSTEM))
         if not estimate.position_ok:

@@ -26,6 +26,8 @@ class VehicleSpec(Section, frozen=True, kw_only=True):
     links: Annotated[tuple[str, ...], Meta(min_length=1)]
     """Each as pymavlink writes it, seen from the vehicle: "udpout:127.0.0.1:14541", "udpin:…", "tcpin:…"."""
     instruments: tuple[EmulatedInstrument, ...] = ()
+    quiet: bool = False
+    """A PX4 sends its companion (the first link) 18 kB/s that nobody asked for. Quiet: 1 kB/s, as on other links."""
     parameters: dict[str, float] = msgspec.field(default_factory=dict)
     """Parameters that differ from the flavour's defaults."""
 

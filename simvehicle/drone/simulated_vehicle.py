@@ -46,6 +46,7 @@ class SimulatedVehicle:
             links=len(spec.links),
             ready_after_s=ready_after_s,
             seed=seed,
+            quiet=spec.quiet,
         )
         self._body = self.autopilot.vehicle.body
 

@@ -150,6 +150,7 @@ def _vehicle(drone: SurveyDrone, own: DroneAddresses, ground_mavlink: str) -> Ve
             EmulatedInstrument(name=i.name, type=i.type, port=port)
             for i, port in zip(drone.instruments or (), own.instruments, strict=True)
         ),
+        quiet=True,  # a real PX4's unasked streams would cost as much as everything else in a simulated swarm
         parameters=drone.parameters,
     )
 

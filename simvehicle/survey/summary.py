@@ -318,7 +318,7 @@ def _orphan(
 ) -> Orphan:
     modes = [track.modes[int(after[0])]]
     changed_s: float | None = None
-    for index in after:
+    for index in after[track.airborne[after]]:  # on the ground PX4 goes back to the mode that it was left in
         if track.modes[index] != modes[-1]:
             modes.append(track.modes[index])
             if changed_s is None:

@@ -26,7 +26,7 @@ from flightstack.config import (
     SwarmConfig,
 )
 from flightstack.config_file import problems
-from mission.documents.fence_section import FenceSection, read_section
+from mission.documents.fence_section import FenceChoice, read_section
 from mission.documents.yaml_file import DocumentError, line_of, parse, read_text
 from mission.geometry.frames import LocalFrame
 from mission.geometry.geofence import Geofence, LocalFence
@@ -94,7 +94,7 @@ class SurveyConfig(WorldConfig, frozen=True, kw_only=True):
     instruments: tuple[InstrumentChoice, ...] = (InstrumentChoice(name="co2", type="sba5"),)
     formation: FormationConfig = FormationConfig()
     limits: LimitsConfig = LimitsConfig()
-    geofence: FenceSection | None = None
+    geofence: FenceChoice = None
     strategy: StrategyConfig = StrategyConfig()
     speedup: Annotated[float, Meta(gt=0.0, le=20.0)] = 5.0
     """How many times faster than real time everything runs; a busy machine needs a lower one."""

@@ -39,6 +39,11 @@ class ObedientAutopilot:
         for message in self._ears.parse_buffer(data) or []:
             if message.get_type() == "COMMAND_LONG":
                 self._obey(message)
+            elif message.get_type() == "PARAM_REQUEST_READ":
+                off = mavlink.MAVLink_param_value_message(
+                    message.param_id.encode(), 0.0, mavlink.MAV_PARAM_TYPE_REAL32, 1, 0
+                )
+                self._answers += self._packed(off)
             elif message.get_type().startswith("SET_POSITION_TARGET"):
                 setpoints.append(message)
         return setpoints

@@ -123,12 +123,17 @@ def test_without_an_autopilot_it_waits_and_says_for_what(flight: AgentFlight) ->
         connected=False,
         airborne=False,
         steerable=False,
-        waiting_for="no heartbeat of the autopilot: check the cable, the baud rate and autopilot.link",
+        waiting_for="no heartbeat of the autopilot yet",
         comes_second=False,
     )
     assert flight.setpoints == []
     (state,) = told(outputs, DroneState)
     assert state.position_ned_m is None
+    for _ in range(40):
+        outputs = flight.tick(silent=True)
+    assert outputs.status.waiting_for == (
+        "no heartbeat of the autopilot: check the cable, the baud rate and autopilot.link"
+    )
 
 
 def test_a_start_that_cannot_be_is_refused_in_the_same_tick(flight: AgentFlight) -> None:

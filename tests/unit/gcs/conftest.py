@@ -36,6 +36,7 @@ class SpeakingAutopilot:
         self.px4 = px4
         self.armed = True
         self.mode = 6 << 16 if px4 else 4
+        self.status = mavlink.MAV_STATE_ACTIVE
         self.landed_state = mavlink.MAV_LANDED_STATE_IN_AIR
         self.north_m, self.east_m, self.up_m = 10.0, 20.0, 12.0
         self.battery_percent = 80
@@ -49,7 +50,9 @@ class SpeakingAutopilot:
         autopilot = mavlink.MAV_AUTOPILOT_PX4 if self.px4 else mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
         base = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (128 if self.armed else 0)
         return self.frame(
-            mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_QUADROTOR, autopilot, base, self.mode, 4, 3)
+            mavlink.MAVLink_heartbeat_message(
+                mavlink.MAV_TYPE_QUADROTOR, autopilot, base, self.mode, self.status, 3
+            )
         )
 
     def position(self) -> bytes:

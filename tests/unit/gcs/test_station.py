@@ -437,3 +437,50 @@ def test_texts_in_parts_are_told_whole_in_order_and_visible(world, autopilot, ne
         "E" * 50 + " [part missing] third",
     ]
     assert all(line.isprintable() for _, line in world.log)
+
+
+def wreck(vehicle):
+    """It says that it crashed, and stays armed in the agent's mode."""
+    said = vehicle.frame(mavlink.MAVLink_statustext_message(0, b"Crash: Disarming", 0, 0))
+    whole = vehicle.everything
+    vehicle.everything = lambda: whole() + said
+    return vehicle
+
+
+def test_a_wreck_is_not_sent_home_when_its_agent_falls_silent(world, autopilot):
+    world.vehicles = [autopilot(2)]
+    world.run(5.0)
+    wreck(world.vehicles[0])
+    del world.agents[2]
+    world.run(20.0)
+    assert world.commands(mavlink.MAV_CMD_DO_SET_MODE) == []
+    assert any("crashed: the autopilot says" in text for _, text in world.log)
+    assert not world.told(topics.TRAFFIC)[-1].vehicles[0].airborne, "no obstacle to the others"
+
+
+@pytest.mark.parametrize(("crashed", "reason"), [(True, "has crashed"), (False, "on the ground, disarmed")])
+def test_what_brings_a_drone_down_is_obeyed_for_one_that_is_down_and_silent(
+    world, autopilot, crashed, reason
+):
+    vehicle = autopilot(2)
+    world.vehicles = [vehicle]
+    world.run(6.0)
+    if crashed:
+        wreck(vehicle)
+    else:
+        vehicle.armed, vehicle.landed_state = False, mavlink.MAV_LANDED_STATE_ON_GROUND
+    del world.agents[2]
+    world.run(6.0)
+    world.run(6.0, Command("down-1", "op", 2, CommandName.ABORT))
+    (outcome,) = (o for o in world.told(topics.OUTCOME) if o.command == "down-1")
+    assert outcome.result is Result.ACCEPTED
+    assert reason in outcome.reason
+    assert world.commands(mavlink.MAV_CMD_DO_SET_MODE) == []
+
+
+def test_what_a_drone_tells_of_itself_is_no_second_event_of_the_station(world):
+    world.run(5.0)
+    world.agents[2] = {"phase": Phase.CRASHED, "airborne": False, "crash": "fell, at 28.27, -16.64"}
+    world.run(5.0)
+    assert (2, "crash") in alarm_codes(world)
+    assert [event for event in world.told(topics.EVENT) if event.code == "crash"] == []

@@ -149,7 +149,7 @@ class Ground:
 
 @pytest.fixture
 def make_ground() -> Callable[..., Ground]:
-    """make_ground(flavour, wind_mps=…, ready_after_s=…, links=…, seed=…, PARAMETER=…)"""
+    """make_ground(flavour, wind_mps=…, ready_after_s=…, links=…, seed=…, quiet=…, PARAMETER=…)"""
 
     def make(
         flavour: str,
@@ -159,6 +159,7 @@ def make_ground() -> Callable[..., Ground]:
         ready_after_s: float = 5.0,
         links: int = 1,
         seed: int = 1,
+        quiet: bool = True,
         **parameters: float,
     ) -> Ground:
         spec = VehicleSpec(
@@ -166,6 +167,7 @@ def make_ground() -> Callable[..., Ground]:
             flavour=flavour,  # type: ignore[arg-type]
             links=("udpout:127.0.0.1:9",) * links,
             parameters=parameters,
+            quiet=quiet,
         )
         config = FleetConfig(
             origin=ORIGIN,

@@ -651,7 +651,7 @@ def test_parameters_are_set_as_the_flavour_writes_them(loss):
 
 
 def test_a_parameter_that_does_not_exist_or_is_no_integer_is_named():
-    config = {"parameters": {"NO_SUCH": 1.0, "FENCE_ENABLE": 0.5}}
+    config = {"parameters": {"NO_SUCH": 1.0, "RTL_ALT": 1500.0, "FENCE_ENABLE": 0.5}}
     world = ScriptedFlight(
         "ardupilot",
         ready_s=0.0,
@@ -662,6 +662,10 @@ def test_a_parameter_that_does_not_exist_or_is_no_integer_is_named():
     assert result.outcome is RequestOutcome.REFUSED
     assert "NO_SUCH does not answer" in result.reason
     assert "FENCE_ENABLE is an integer" in result.reason
+    assert (
+        "RTL_ALT does not answer: does this autopilot have it? (from ArduPilot 4.7 it is RTL_ALT_M"
+        in result.reason
+    )
     assert not world.session.prepared
 
 

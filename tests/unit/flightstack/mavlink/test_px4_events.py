@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import pathlib
 import struct
 from collections.abc import Iterator
@@ -57,11 +58,17 @@ def told(*, without: int | None = None) -> list[StatusText]:
     return vehicle.new_texts
 
 
-def event(name: str, arguments: bytes = b"", *, severity: int = 2, sequence: int = 0) -> EventMessage:
+NUMBERS = itertools.count()
+
+
+def event(
+    name: str, arguments: bytes = b"", *, severity: int = 2, sequence: int | None = None
+) -> EventMessage:
+    """An event, by default the one after the last that was made."""
     return EventMessage(
         id=event_id(name),
         event_time_boot_ms=0,
-        sequence=sequence,
+        sequence=next(NUMBERS) % 65536 if sequence is None else sequence,
         destination_component=0,
         destination_system=0,
         log_levels=severity | severity << 4,
@@ -72,12 +79,9 @@ def event(name: str, arguments: bytes = b"", *, severity: int = 2, sequence: int
 def report(*checks: tuple[str, int, int], can_arm: int) -> list[EventMessage]:
     """A health report: of each check its name, the modes that it is about, and its severity."""
     summary = struct.pack("<BIIII", 0, 0, 0, can_arm, can_arm)
+    begin = event("commander_arming_check_summary", summary, severity=8)
     lines = [event(name, struct.pack("<IB", modes, 20), severity=level) for name, modes, level in checks]
-    return [
-        event("commander_arming_check_summary", summary, severity=8),
-        *lines,
-        event("commander_health_summary", severity=8),
-    ]
+    return [begin, *lines, event("commander_health_summary", severity=8)]
 
 
 def test_the_numbers_of_events_are_those_that_a_real_one_sent() -> None:

@@ -257,3 +257,30 @@ def test_one_wrong_home_is_not_taken_over_and_a_second_time_it_has_moved() -> No
     assert vehicle.state.home == before
     vehicle.say(2.0, far)
     assert vehicle.state.home == Geodetic(1e-6, 1e-6, 0.0)
+
+
+def estimator_status(flags: int) -> object:
+    return mavlink.MAVLink_estimator_status_message(0, flags, 0, 0, 0, 0, 0, 0, 0.3, 0.3)
+
+
+@pytest.mark.parametrize(
+    ("flags", "good"), [(1023, True), (895, True), (831, True), (165, False), (0, False)]
+)
+def test_px4s_constant_position_bit_says_nothing(flags: int, good: bool) -> None:
+    """1023 is a PX4 at rest, 895 one in the air, 165 one that has no position yet."""
+    vehicle = Vehicle(autopilot=mavlink.MAV_AUTOPILOT_PX4)
+    vehicle.heartbeat(0.0)
+    vehicle.say(0.1, estimator_status(flags))
+    vehicle.position(0.2, 1.0)
+    assert vehicle.state.estimator_is_good is good
+    assert (vehicle.state.position_ned_m is not None) is good
+
+
+@pytest.mark.parametrize(("flags", "good"), [(1023, False), (831, True), (167, False)])
+def test_ardupilots_constant_position_bit_means_no_position(flags: int, good: bool) -> None:
+    vehicle = Vehicle()
+    vehicle.heartbeat(0.0)
+    vehicle.say(0.1, mavlink.MAVLink_ekf_status_report_message(flags, 0, 0, 0, 0, 0))
+    vehicle.position(0.2, 1.0)
+    assert vehicle.state.estimator_is_good is good
+    assert (vehicle.state.position_ned_m is not None) is good

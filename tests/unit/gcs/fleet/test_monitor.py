@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import inspect
+import re
+
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.swarm import topics
 from flightstack.swarm.topics import Received
 from flightstack.swarm.wire import Command, CommandName, CommandOutcome, Phase, Result, Severity
-from gcs.fleet.monitor import Monitor, on_the_wire
+from gcs.fleet.monitor import ENDS, Monitor, ended, on_the_wire
 from gcs.fleet.view import FleetView
 from gcs.station_config import AlarmLimits
 from mission.geometry.geofence import Geofence, LocalFence
@@ -330,3 +334,59 @@ def test_without_patience_it_judges_at_first_sight(fleet):
     swarm.talking[1] = {"battery_fraction": 0.1}
     monitor.step(0.0, swarm.tick(0.0))
     assert codes(monitor) == {1: {"battery"}}
+
+
+CRASH = "fell and hit the ground at 9.8 m/s, at 28.272490, -16.642296"
+
+
+def test_a_crash_that_its_agent_tells_is_one_critical_alarm_with_the_place(fleet):
+    swarm, monitor = fleet(), Monitor(AlarmLimits())
+    run(monitor, swarm, 0.0, 5.0)
+    swarm.talking[2] = {"phase": Phase.CRASHED, "airborne": False, "crash": CRASH}
+    changes = run(monitor, swarm, 5.5, 20.0)
+    (alarm,) = monitor.alarms
+    assert (alarm.drone, alarm.code, alarm.severity) == (2, "crash", Severity.CRITICAL)
+    assert alarm.text == f"crashed: {CRASH}; still armed, its propellers may turn"
+    assert sum(len(change.raised) for change in changes) == 1
+    swarm.talking[2] |= {"armed": False}
+    run(monitor, swarm, 20.5, 22.0)
+    assert [alarm.text for alarm in monitor.alarms] == [f"crashed: {CRASH}"]
+    (row,) = (row for row in swarm.tick(22.5).rows(22.5) if row.drone == 2)
+    assert (row.crash, row.phase, row.airborne) == (CRASH, "crashed", False)
+
+
+def test_a_crash_that_took_the_agent_with_it_is_seen_over_mavlink(fleet, autopilot):
+    swarm, monitor = fleet(), Monitor(AlarmLimits())
+    vehicle = swarm.flying[2] = autopilot(2)
+    run(monitor, swarm, 0.0, 5.0)
+    del swarm.talking[2]
+    vehicle.up_m = 0.0
+    said = vehicle.frame(mavlink.MAVLink_statustext_message(0, b"Crash: Disarming", 0, 0))
+    whole = vehicle.everything
+    vehicle.everything = lambda: whole() + said
+    run(monitor, swarm, 5.5, 12.0)
+    alarms = {alarm.code: alarm for alarm in monitor.alarms}
+    assert set(alarms) == {"crash", "agent_silent"}, (
+        "neither lost nor an orphan: nobody is to send a wreck home"
+    )
+    assert alarms["crash"].text.startswith('crashed: the autopilot says "Crash: Disarming", at 28.27')
+
+
+def test_a_drone_that_does_not_go_where_it_is_sent_is_an_alarm_until_it_does(fleet):
+    swarm, monitor = fleet(), Monitor(AlarmLimits())
+    text = "does not go where it is sent: asked for 4.0 m/s towards 010 degrees, flies nothing"
+    swarm.talking[1] = {"astray": text}
+    run(monitor, swarm, 0.0, 5.0)
+    (alarm,) = monitor.alarms
+    assert (alarm.drone, alarm.code, alarm.text) == (1, "astray", text)
+    swarm.talking[1] = {}
+    changes = run(monitor, swarm, 5.5, 10.0)
+    (over,) = (alarm for change in changes for alarm in change.cleared)
+    assert ended(over) == "it goes where it is sent again, or is not steered any more"
+
+
+def test_every_alarm_has_words_for_its_end():
+    source = inspect.getsource(Monitor)
+    codes = set(re.findall(r'Condition\(f?"([a-z_]+)[":]', source))
+    assert codes - ENDS.keys() == set()
+    assert not any(text.startswith("over") for text in ENDS.values())

@@ -91,6 +91,26 @@ def test_px4_that_fell_into_hold_by_itself_is_still_brought_home(fleet, autopilo
     assert run(keeper, swarm, 11.1, 16.0)
 
 
+def test_px4_that_sinks_in_a_pilots_mode_without_a_pilot_is_brought_home(fleet, autopilot, keeper):
+    swarm = fleet()
+    swarm.flying = {2: autopilot(2, px4=True)}
+    run(keeper, swarm, 0.0, 10.0)
+    del swarm.talking[2]
+    run(keeper, swarm, 10.1, 11.0)
+    swarm.flying[2].mode, swarm.flying[2].status = 3 << 16, mavlink.MAV_STATE_CRITICAL
+    assert run(keeper, swarm, 11.1, 16.0)
+
+
+def test_px4_that_a_pilot_took_into_position_is_the_pilots(fleet, autopilot, keeper):
+    swarm = fleet()
+    swarm.flying = {2: autopilot(2, px4=True)}
+    run(keeper, swarm, 0.0, 10.0)
+    del swarm.talking[2]
+    run(keeper, swarm, 10.1, 11.0)
+    swarm.flying[2].mode = 3 << 16
+    assert run(keeper, swarm, 11.1, 30.0) == []
+
+
 def test_px4_put_into_hold_later_is_the_pilots(fleet, autopilot, keeper):
     swarm = fleet()
     swarm.flying = {2: autopilot(2, px4=True)}

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import struct
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flightstack.mavlink.dialect import EventMessage
+from flightstack.mavlink.dialect import EventMessage, RequestEventMessage, ResponseEventErrorMessage
 from flightstack.mavlink.fields import layout
 from flightstack.mavlink.framing import FrameFinder
 from flightstack.mavlink.px4_event_table import CHECKS, REPORT_BEGIN, event_id
@@ -224,3 +225,46 @@ def test_terminating_stops_the_motors(make_ground: MakeGround) -> None:
     ground.run(5.0)
     assert not ground.vehicle.airborne
     assert not ground.vehicle.armed
+
+
+def test_a_companion_gets_what_nobody_asked_for_and_a_ground_station_little(make_ground: MakeGround) -> None:
+    ground = make_ground("px4", links=2, quiet=False)
+    ground.run(6.0)
+    before = {link: len(heard) for link, heard in ground.heard_by_link.items()}
+    ground.run(10.0)
+
+    def rates_hz(link: int) -> dict[str, float]:
+        heard = ground.heard_by_link[link][before[link] :]
+        return {kind: n / 10.0 for kind, n in Counter(m.get_type() for m in heard).items()}
+
+    companion, station = rates_hz(0), rates_hz(1)
+    # The recorded one sends ATTITUDE at 96 Hz; our autopilots think at 50.
+    for kind, hz in {
+        "ATTITUDE": 50,
+        "GLOBAL_POSITION_INT": 50,
+        "EXTENDED_SYS_STATE": 5,
+        "SYS_STATUS": 5,
+    }.items():
+        assert companion[kind] == pytest.approx(hz, abs=0.5)
+    sent = sum(len(m.get_msgbuf()) for m in ground.heard_by_link[0][before[0] :])
+    assert 15_000 < sent / 10.0 < 25_000
+    assert sum(station.values()) < sum(companion.values()) / 5.0
+
+
+def test_lost_events_are_sent_again_while_they_are_kept(make_ground: MakeGround) -> None:
+    ground = make_ground("px4")
+    ground.run(8.0)
+    newest = events(ground)[-1]
+    sequences = [event.sequence for event in events(ground)]
+    assert sequences == [(sequences[0] + place) % 65536 for place in range(len(sequences))], (
+        "none is left out"
+    )
+    count = len(events(ground))
+    wanted = RequestEventMessage(
+        target_system=7, target_component=1, first_sequence=newest.sequence - 1, last_sequence=newest.sequence
+    )
+    ground.send(wanted)
+    assert [event.sequence for event in events(ground)[count:]] == [newest.sequence - 1, newest.sequence]
+    gone = RequestEventMessage(target_system=7, target_component=1, first_sequence=5000, last_sequence=5000)
+    ground.send(gone)
+    assert ground.of(f"UNKNOWN_{ResponseEventErrorMessage.id}")

@@ -129,3 +129,10 @@ def test_each_autopilot_returns_in_a_layer_of_its_own(file: str, name: str, scal
     survey = load(EXAMPLES / file)
     altitudes = [d.autopilot.parameters[name] / scale for d in draft(survey, in_process(survey)).drones]
     assert altitudes == [15.0, 20.0, 25.0, 30.0, 35.0]
+
+
+def test_px4_drones_come_home_by_themselves_in_layers() -> None:
+    survey = load(EXAMPLES / "survey_px4.yaml")
+    for drone in draft(survey, in_process(survey)).drones:
+        assert drone.autopilot.parameters["COM_OBL_RC_ACT"] == 3.0
+        assert drone.autopilot.parameters["RTL_CONE_ANG"] == 0.0

@@ -183,6 +183,14 @@ def test_an_orphan_tells_how_it_came_home() -> None:
     assert got.orphans[0].brought_home_by == "ground station"
 
 
+def test_a_px4_that_came_home_did_not_go_on_in_offboard_on_the_ground() -> None:
+    flying = TIMES_S < 50.0
+    modes = tuple("RTL" if 21.0 <= t < 52.0 else "OFFBOARD" for t in TIMES_S)
+    orphan = track(2, np.where(TIMES_S < 40.0, 0.0, 40.5), airborne=flying, modes=modes)
+    got = summarise({1: track(1, 20.0), 2: orphan}, alive=frozenset({1}), kills={2: 20.0})
+    assert got.orphans[0].modes == "OFFBOARD > RTL"
+
+
 def test_an_agent_that_died_by_itself_leaves_an_orphan_too() -> None:
     died = EventMark(10.0, 0, Severity.CRITICAL, "process", "drone-2 ended (signal 11)")
     got = summarise({2: track(2, 0.0)}, Log(events=(died,)), alive=frozenset())
