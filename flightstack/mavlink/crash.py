@@ -14,6 +14,8 @@ import msgspec
 
 FALL_MPS = 4.0
 """Nothing that flies as it is told sinks so fast and is at rest a moment later."""
+FALL_M = FALL_MPS**2 / (2.0 * 9.81)
+"""So deep falls at least what falls that fast: one wrong velocity between two right ones is no fall."""
 IMPACT_MPS2 = 10.0
 """Only the ground brakes a fall like that; a multirotor that catches itself has about half as much to spare."""
 SETTLES_WITHIN_S = 5.0
@@ -37,6 +39,8 @@ class _Fall(msgspec.Struct):
     last_mps: float
     seen_s: float
     """When it was last seen to fall."""
+    from_amsl_m: float | None
+    """Where it was before, if that is known."""
     impact: bool = False
     rest_since_s: float | None = None
     rest_amsl_m: float = 0.0
@@ -50,6 +54,7 @@ class CrashWatch:
         self._fall: _Fall | None = None
         self._turned_since_s: float | None = None
         self._speed_mps = 0.0
+        self._amsl_m: float | None = None
         self._thrust_lost = ""
 
     def moved(
@@ -67,9 +72,12 @@ class CrashWatch:
         fall = self._fall
         if down_mps >= FALL_MPS:
             fastest_mps = down_mps if fall is None else max(down_mps, fall.fastest_mps)
-            self._fall = _Fall(fastest_mps, down_mps, now_s)
+            self._fall = _Fall(
+                fastest_mps, down_mps, now_s, self._amsl_m if fall is None else fall.from_amsl_m
+            )
             return
         if fall is None or self.reason:
+            self._amsl_m = amsl_m
             return
         fall.impact |= down_mps < 1.0 and fall.last_mps - down_mps > IMPACT_MPS2 * (now_s - fall.seen_s)
         if now_s - fall.seen_s > SETTLES_WITHIN_S and fall.rest_since_s is None:
@@ -79,6 +87,9 @@ class CrashWatch:
         if self._speed_mps > AT_REST_MPS or not still:
             at_rest = self._speed_mps <= AT_REST_MPS
             fall.rest_since_s, fall.rest_amsl_m = (now_s, amsl_m) if at_rest else (None, amsl_m)
+            return
+        if fall.from_amsl_m is not None and fall.from_amsl_m - amsl_m < FALL_M:
+            self._fall = None
             return
         low = above_home_m < ON_THE_GROUND_M and not landing
         at_rest_s = now_s - (fall.rest_since_s or now_s)

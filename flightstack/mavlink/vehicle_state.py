@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from flightstack.mavlink.codec import MavlinkMessage
 from flightstack.mavlink.crash import CrashWatch
 from flightstack.mavlink.dialect import CurrentEventSequenceMessage, EventMessage
+from flightstack.mavlink.leaps import LEAP_M, LeapFilter, apart_m
 from flightstack.mavlink.modes import (
     COPTER_TYPES,
     FLAVOURS,
@@ -115,6 +116,8 @@ class VehicleState:
         self.received_count: dict[int, int] = {}
         """How many of each kind came."""
         self.boot_ms: int | None = None
+        self._leaps = LeapFilter()
+        self._other_home: Geodetic | None = None
         self.landed_state = mavlink.MAV_LANDED_STATE_UNDEFINED
         self.estimator_flags: int | None = None
         self.prearm: bool | None = None
@@ -203,7 +206,9 @@ class VehicleState:
         return False
 
     def _global_position(self, now_s: float, fields: Any) -> None:
-        if self._is_old(fields.time_boot_ms) or (fields.lat == 0 and fields.lon == 0):
+        if not self._leaps.believes(now_s, fields) or self._is_old(fields.time_boot_ms):
+            return
+        if fields.lat == 0 and fields.lon == 0:
             return
         self._look_for_a_fall(now_s, fields)
         latitude_deg, longitude_deg = fields.lat * 1e-7, fields.lon * 1e-7
@@ -238,7 +243,11 @@ class VehicleState:
             return
         latitude_deg, longitude_deg = fields.latitude * 1e-7, fields.longitude * 1e-7
         if abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0:
-            self.home = Geodetic(latitude_deg, longitude_deg, fields.altitude * 1e-3)
+            home = Geodetic(latitude_deg, longitude_deg, fields.altitude * 1e-3)
+            if self.home is not None and home != self._other_home and apart_m(home, self.home) > LEAP_M:
+                self._other_home = home  # told a second time, it has moved
+                return
+            self.home, self._other_home = home, None
             self._home_ned_m = None
 
     def _extended_sys_state(self, _now_s: float, fields: Any) -> None:

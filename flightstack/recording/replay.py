@@ -13,7 +13,9 @@ from flightstack.config import DroneConfig
 from flightstack.errors import FlightstackError
 from flightstack.recording.fingerprint import fingerprint
 from flightstack.recording.recorder import GAP, Record, read_recording, restore
+from flightstack.swarm.topics import TOPICS
 from flightstack.swarm.wire import VERSION
+from mission.documents.printable import printable
 
 log = logging.getLogger(__name__)
 
@@ -44,11 +46,11 @@ def replay(path: pathlib.Path) -> Replay:
             log.warning("%s: the disk took nothing for a while; what comes after cannot be flown again", path)
             break
         elif record.topic == "/inputs":
-            outputs = agent.step(record.time_s, _inputs(path, record))
+            outputs = agent.step(record.time_s, _inputs(path, record, agent.config))
             now = fingerprint(outputs)
         elif record.topic == "/outputs" and now is not None:
             ticks += 1
-            if record.message["crc32"] != now:
+            if record.message.get("crc32") != now:
                 differing += 1
                 first_s = record.time_s if first_s is None else first_s
     if ticks == 0:
@@ -75,10 +77,19 @@ def _agent(path: pathlib.Path, message: dict[str, Any]) -> Agent:
         ) from error
 
 
-def _inputs(path: pathlib.Path, record: Record) -> Inputs:
+def _inputs(path: pathlib.Path, record: Record, config: DroneConfig) -> Inputs:
     try:
-        return restore(record.message, Inputs)
+        inputs = restore(record.message, Inputs)
     except (ValueError, TypeError, msgspec.ValidationError) as error:
         raise ReplayError(
-            f"{path}: the inputs at {record.time_s:.3f} s are not an agent's: {error}"
+            printable(f"{path}: the inputs at {record.time_s:.3f} s are not an agent's: {error}")
         ) from error
+    strange = {port.instrument for port in inputs.ports} - {one.name for one in config.instruments}
+    strange |= {message.topic for message in inputs.peers} - TOPICS.keys()
+    for name in sorted(strange):
+        raise ReplayError(
+            printable(
+                f"{path}: the inputs at {record.time_s:.3f} s are not this drone's: it knows no {name!r}"
+            )
+        )
+    return inputs

@@ -6,12 +6,14 @@ Its steps and waypoints name drones and strategies of that planner; they are no 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 from mission.documents.fence_areas import fence_plan, vertex
 from mission.documents.flight_plan import Plan
 from mission.documents.yaml_file import DocumentError
 from mission.geometry.geofence import Vertex
+
+_OWN: Final = ("steps", "waypoints")
 
 
 def is_dragonfly(content: Mapping[str, Any]) -> bool:
@@ -20,6 +22,9 @@ def is_dragonfly(content: Mapping[str, Any]) -> bool:
 
 def parse_dragonfly(content: Mapping[str, Any], file: str) -> Plan:
     """The boundaries of a decoded Dragonfly mission as a fence."""
+    for key in _OWN:
+        if not isinstance(content.get(key) or [], list | dict):
+            raise DocumentError(file, "must be a list or an object", field=key)
     boundaries = content.get("boundaries") or {}
     if not isinstance(boundaries, dict):
         raise DocumentError(file, "must be an object of named boundaries", field="boundaries")
@@ -38,8 +43,8 @@ def parse_dragonfly(content: Mapping[str, Any], file: str) -> Plan:
         inclusion.append(tuple(corners))
     warnings = [
         f"{key}: not taken over: {len(content[key])} of Dragonfly's own; only boundaries are read"
-        for key in ("steps", "waypoints")
+        for key in _OWN
         if content.get(key)
     ]
-    warnings += [f"{key}: not read" for key in content if key not in ("steps", "waypoints", "boundaries")]
+    warnings += [f"{key}: not read" for key in content if key not in (*_OWN, "boundaries")]
     return fence_plan(inclusion, (), warnings, file, "no boundary in this Dragonfly mission")

@@ -16,6 +16,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
+from mission.documents.printable import printable
 from sensors.instruments.calibrated import Calibration
 from sensors.instruments.samples import Sample
 from sensors.instruments.sensor_error import SensorError
@@ -92,5 +93,5 @@ def load(path: pathlib.Path) -> dict[str, Calibration]:
         return msgspec.json.decode(path.read_bytes(), type=dict[str, Calibration])
     except OSError as error:
         raise SensorError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except msgspec.MsgspecError as error:
-        raise SensorError(f"{path}: not a calibration file: {error}") from error
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        raise SensorError(printable(f"{path}: not a calibration file: {error}")) from error

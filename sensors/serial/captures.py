@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import msgspec
 
+from mission.documents.printable import printable
 from sensors.instruments.registry import InstrumentType
 from sensors.instruments.samples import Instrument, Sample
 from sensors.instruments.sensor_error import SensorError
@@ -89,8 +90,9 @@ def read_samples(path: pathlib.Path) -> list[Sample]:
             continue
         try:
             samples.append(msgspec.json.decode(line, type=Sample))
-        except msgspec.MsgspecError as error:
-            raise SensorError(f"{path}:{number}: not a sample as `read --json` prints it: {error}") from error
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+            problem = f"{path}:{number}: not a sample as `read --json` prints it: {error}"
+            raise SensorError(printable(problem)) from error
     if not samples:
         raise SensorError(f"{path}: there are no samples in it")
     return samples

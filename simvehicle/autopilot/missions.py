@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Final
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -18,6 +18,8 @@ MISSION, FENCE, RALLY = 0, 1, 2
 _RETRY_S = 1.0
 _GIVE_UP_S = 8.0
 """ArduPilot repeats a request after one second without an item and gives an upload up after eight."""
+_INTEGERS: Final = 2**31
+"""Coordinates are kept as 32-bit integers."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -151,6 +153,13 @@ class MissionServer:
         self._ask(now_s, kind, upload)
 
     def _item_float(self, now_s: float, peer: ChannelPeer, kind: int, message: Any) -> None:
+        for value, refusal in (
+            (message.x, mavlink.MAV_MISSION_INVALID_PARAM5_X),
+            (message.y, mavlink.MAV_MISSION_INVALID_PARAM6_Y),
+        ):
+            if not abs(value) * 1e7 < _INTEGERS:  # also where it is no number
+                self._ack(peer, refusal, kind)
+                return
         self._item(now_s, peer, kind, message, round(message.x * 1e7), round(message.y * 1e7))
 
     def _item_int(self, now_s: float, peer: ChannelPeer, kind: int, message: Any) -> None:

@@ -79,7 +79,7 @@ class Store:
             return
         try:
             before = msgspec.json.decode(path.read_bytes(), type=Run)
-        except msgspec.MsgspecError as error:
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
             raise TrialsError(f"{path}: not the description of a run: {error}") from error
         if before == self._run:
             return

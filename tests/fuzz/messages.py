@@ -201,3 +201,25 @@ def others(system: int) -> Iterable[tuple[int, int]]:
     """Senders that are not the autopilot of this system: foreign systems, and other components of its own."""
     yield from ((other, 1) for other in (0, 1, 2, 3, 9, 77, 250, 255) if other != system)
     yield from ((system, component) for component in (0, 2, 25, 100, 154, 156, 158, 190, 191, 250))
+
+
+def addressed(frame: MavlinkFrame, target_system: int) -> bytes:
+    """The same frame, meant for this system. Its kind must name one."""
+    definition = mavlink.mavlink_map[frame.kind]
+    place = 0
+    for name, width, count in zip(
+        definition.ordered_fieldnames, _widths(definition), definition.array_lengths, strict=True
+    ):
+        if name == "target_system":
+            break
+        place += width * max(count, 1)
+    payload = bytearray(frame.payload.ljust(definition.unpacker.size, b"\0"))
+    payload[place] = target_system
+    return pack_frame(frame.kind, frame.sequence, frame.system, frame.component, bytes(payload))
+
+
+def _widths(definition: Any) -> list[int]:
+    sizes = {"char": 1, "int8_t": 1, "uint8_t": 1, "int16_t": 2, "uint16_t": 2, "int32_t": 4, "uint32_t": 4}
+    sizes |= {"float": 4, "double": 8, "int64_t": 8, "uint64_t": 8}
+    types = dict(zip(definition.fieldnames, definition.fieldtypes, strict=True))
+    return [sizes[types[name]] for name in definition.ordered_fieldnames]

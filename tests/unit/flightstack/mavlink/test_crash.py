@@ -156,3 +156,14 @@ def test_other_texts_do_not(text: str) -> None:
     watch = CrashWatch()
     watch.told(text)
     assert watch.reason == ""
+
+
+@pytest.mark.parametrize("down_mps", [5.0, 60.0, 300.0])
+def test_one_wrong_velocity_between_right_ones_is_no_fall(down_mps: float) -> None:
+    vehicle = Faller(20.0)
+    vehicle.rest(1.0)
+    height_m = vehicle.height_m
+    vehicle.tell(down_mps)
+    vehicle.height_m = height_m
+    vehicle.rest(6.0)
+    assert vehicle.watch.reason == ""

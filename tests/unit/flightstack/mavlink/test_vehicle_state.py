@@ -249,6 +249,17 @@ def test_parts_of_a_text_are_put_together_and_one_without_its_end_comes_after_a_
     assert [told.text for told in vehicle.state.new_texts] == [text, text[:50] + " [part missing]"]
 
 
+def test_one_wrong_home_is_not_taken_over_and_a_second_time_it_has_moved() -> None:
+    vehicle = Vehicle()
+    vehicle.home(0.0)
+    far = mavlink.MAVLink_home_position_message(10, 10, 0, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0)
+    before = vehicle.state.home
+    vehicle.say(1.0, far)
+    assert vehicle.state.home == before
+    vehicle.say(2.0, far)
+    assert vehicle.state.home == Geodetic(1e-6, 1e-6, 0.0)
+
+
 def estimator_status(flags: int) -> object:
     return mavlink.MAVLink_estimator_status_message(0, flags, 0, 0, 0, 0, 0, 0, 0.3, 0.3)
 

@@ -7,11 +7,12 @@ from typing import Any
 
 import pytest
 
-from flightstack.agent import Agent, Inputs
+from flightstack.agent import Agent, Inputs, PeerMessage
 from flightstack.config_file import load
 from flightstack.recording.fingerprint import fingerprint
 from flightstack.recording.recorder import GAP, FlightRecorder
 from flightstack.recording.replay import ReplayError, replay
+from flightstack.sensing.filter_stage import PortInput
 from flightstack.swarm.wire import VERSION
 
 EXAMPLE = pathlib.Path(__file__).parents[4] / "examples" / "drone.yaml"
@@ -64,3 +65,17 @@ def test_a_recording_of_another_version_is_refused_in_one_line(
     ) as caught:
         replay(recording(tmp_path, **about))
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "inputs",
+    [Inputs(ports=(PortInput("co1", b"M"),)), Inputs(peers=(PeerMessage("stata", "2", b"\x03"),))],
+    ids=["instrument", "topic"],
+)
+def test_inputs_of_another_drone_are_refused_in_one_line(tmp_path: pathlib.Path, inputs: Inputs) -> None:
+    recorder = FlightRecorder(tmp_path / "drone-1.mcap")
+    recorder.record("/config", 0.0, {"config": load(EXAMPLE), "incarnation": 7, "wire": VERSION})
+    recorder.record("/inputs", 1.0, inputs)
+    recorder.close()
+    with pytest.raises(ReplayError, match=r"drone-1.mcap: the inputs at 1.000 s are not this drone's"):
+        replay(recorder.path)

@@ -146,3 +146,14 @@ def test_gusts_and_noise_of_an_anemometer_are_told_apart() -> None:
     assert found.noise_mps.value == pytest.approx(0.2, rel=0.2)
     assert found.gust_sd_mps.value == pytest.approx(0.8, rel=0.25)
     assert found.gust_time_s.value == pytest.approx(4.0, rel=0.4)
+
+
+@pytest.mark.parametrize("data", [b'{"drone-1": {"sc\x83ale": 1.0}}', b'{"\xc2\x86": 1}', b"[" * 100_000])
+def test_a_file_that_is_no_calibration_is_named_in_one_line_that_can_be_shown(
+    tmp_path: pathlib.Path, data: bytes
+) -> None:
+    path = tmp_path / "calibrations.json"
+    path.write_bytes(data)
+    with pytest.raises(SensorError, match=r"calibrations.json: not a calibration file") as caught:
+        load(path)
+    assert str(caught.value).isprintable()
