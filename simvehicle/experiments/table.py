@@ -21,6 +21,7 @@ def select(rows: pd.DataFrame, cell: Cell) -> pd.DataFrame:
         & (rows["drones"] == cell.drones)
         & (rows["plume"] == cell.plume)
         & (rows["healing"] == cell.healing)
+        & (rows["unhealed"] == cell.unhealed)
         & (rows["failure_rate"] == cell.failure_rate)
     )
     return rows[mine].sort_values("trial")

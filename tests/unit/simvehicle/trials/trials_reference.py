@@ -18,6 +18,13 @@ from mission.geometry.formation import rotated
 from mission.strategies.locus.gradient import plane_gradient, waypoint_uphill
 from mission.strategies.locus.spiral import arm_spacing_m, spiral_point
 from mission.strategies.mobs import STATE_SIZE, mobs_begin, mobs_next
+from mission.strategies.mobs_authors import (
+    AUTHORS_STATE_SIZE,
+    DECISION,
+    PHASE,
+    mobs_authors_begin,
+    mobs_authors_next,
+)
 from mission.tree.balanced_tree import next_heal, next_rebalance
 from simvehicle.trials import randomness as luck
 from simvehicle.trials.cell import Cell
@@ -64,12 +71,13 @@ class Axis:
     before: float = 0.0
     target: float = 0.0
 
-    def tick(self) -> None:
-        self.x += self.v * STEP
-        self.v += self.a * STEP
-        error = self.target - self.x
-        self.a = min(max(P * error + D * (error - self.before) / STEP, -CLAMP), CLAMP)
-        self.before = error
+    def tick(self, updates: int) -> None:
+        for _ in range(updates):
+            self.x += self.v * STEP
+            self.v += self.a * STEP
+            error = self.target - self.x
+            self.a = min(max(P * error + D * (error - self.before) / STEP, -CLAMP), CLAMP)
+            self.before = error
 
 
 class SharedLuck:
@@ -118,7 +126,7 @@ class OwnLuck:
 
 
 class Trial:
-    """One trial of LoCUS or MoBS with motion `pd`; run it with `run`."""
+    """One trial of LoCUS or MoBS with motion `pd` or `paper`; run it with `run`."""
 
     def __init__(self, cell: Cell, chance: SharedLuck | OwnLuck) -> None:
         self.cell = cell
@@ -127,18 +135,25 @@ class Trial:
         self.contact: int | None = None
         self.success: int | None = None
         self.heals = self.moves = 0
-        self.grid = locus_grid(cell.plume == "perturbed")
+        self.updates = {"pd": 1, "paper": 10}[cell.motion]
+        self.grid = locus_grid(cell.plume == "perturbed", not cell.cut_cells)
         world = chance.draws(luck.WORLD)
         while True:
             north, east = (cell.arena_m * (2.0 * world() - 1.0) for _ in range(2))
             if math.hypot(north, east) <= cell.arena_m:
                 break
+        if cell.cut_cells:
+            north, east = math.trunc(10.0 * north) / 10.0, math.trunc(10.0 * east) / 10.0
         self.origin = (north, east)
         row, column = np.unravel_index(int(np.argmax(self.grid)), self.grid.shape)
+        middle = 0.0 if cell.cut_cells else 0.5
         self.source = (
-            north + (float(row) + 0.5) * LOCUS_CELL_M,
-            east + (float(column) + 0.5) * LOCUS_CELL_M - LOCUS_WIDTH_M / 2.0,
+            north + (float(row) + middle) * LOCUS_CELL_M,
+            east + (float(column) + middle) * LOCUS_CELL_M - LOCUS_WIDTH_M / 2.0,
         )
+        if cell.cut_goal:
+            goal = [math.trunc(round(10.0 * place) / 10.0) for place in self.source]
+            self.source = (float(goal[0]), float(goal[1]))
         self.places: list[tuple[Axis, Axis]] = []
         for i in range(cell.drones):
             start = chance.draws(luck.START + i)
@@ -147,8 +162,17 @@ class Trial:
 
     def read(self, drone: int) -> float:
         north, east = self.places[drone]
+        if self.cell.cut_cells:
+            return self.read_cut(north.x, east.x)
         row = math.floor((north.x - self.origin[0]) / LOCUS_CELL_M)
         column = math.floor((east.x - self.origin[1] + LOCUS_WIDTH_M / 2.0) / LOCUS_CELL_M)
+        if 0 <= row < self.grid.shape[0] and 0 <= column < self.grid.shape[1]:
+            return float(self.grid[row, column])
+        return 0.0
+
+    def read_cut(self, north: float, east: float) -> float:
+        row = math.trunc(10.0 * north) - round(10.0 * self.origin[0])
+        column = math.trunc(10.0 * east) - round(10.0 * self.origin[1]) + 200
         if 0 <= row < self.grid.shape[0] and 0 <= column < self.grid.shape[1]:
             return float(self.grid[row, column])
         return 0.0
@@ -166,8 +190,8 @@ class Trial:
         for drone, (north, east) in enumerate(self.places):
             if not self.alive[drone]:
                 continue
-            north.tick()
-            east.tick()
+            north.tick(self.updates)
+            east.tick(self.updates)
             value = self.read(drone)
             if self.luck.fails(drone, self.tick, value):
                 self.alive[drone] = False
@@ -195,7 +219,7 @@ class Trial:
 
     def run(self) -> Trial:
         with contextlib.suppress(TrialOver):
-            self.mobs() if self.cell.strategy == "mobs" else self.locus()
+            {"mobs": self.mobs, "mobs-authors": self.mobs_authors, "locus": self.locus}[self.cell.strategy]()
         return self
 
     def mobs(self) -> None:
@@ -216,6 +240,34 @@ class Trial:
                     )
                     self.aim(drone, *target)
 
+    def mobs_authors(self) -> None:
+        """By the rule of every tick, and a draw where it decides."""
+        cell = self.cell
+        states, draws = [], []
+        for drone in range(cell.drones):
+            draws.append(self.luck.draws(luck.OWN + drone))
+            states.append(np.zeros(AUTHORS_STATE_SIZE))
+            mobs_authors_begin(states[drone], 2.0 * math.pi * draws[drone]())
+            self.aim(drone, 0.0, 0.0)
+        while True:
+            self.one_tick()
+            for drone, (north, east) in enumerate(self.places):
+                if self.alive[drone]:
+                    decides = states[drone][PHASE] == DECISION
+                    pair = [draws[drone]() if decides else 0.0 for _ in range(2)]
+                    target = mobs_authors_next(
+                        states[drone],
+                        1,
+                        north.x,
+                        east.x,
+                        self.read(drone),
+                        self.inside(drone),
+                        cell.arena_m,
+                        1.0,
+                        *pair,
+                    )
+                    self.aim(drone, *target)
+
     def locus(self) -> None:  # noqa: C901 (the whole algorithm on one page)
         cell = self.cell
         draws = self.luck.draws(luck.DECISIONS)
@@ -231,7 +283,7 @@ class Trial:
         climb = Axis(0.0, target=cell.r_min_m)
         climb_ticks = 0
         while climb_ticks == 0 or abs(climb.target - climb.x) >= INSIDE_M:
-            climb.tick()
+            climb.tick(self.updates)
             climb_ticks += 1
 
         def aim(drone: int, slot: int) -> None:
@@ -275,7 +327,8 @@ class Trial:
                 for slot in range(cell.drones):
                     if self.alive[slot] and (slot == 0 or table.parent[slot] in reached):
                         reached.append(slot)
-                members = reached
+                lost = len(reached) < cell.drones
+                members = [] if lost and cell.unhealed == "nobody" else reached
             if not members:
                 raise TrialOver
             window = window[-len(members) :]
