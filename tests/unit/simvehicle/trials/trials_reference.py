@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 
@@ -34,29 +34,37 @@ STEP, P, D, CLAMP = 0.00625, 20.0, 10.0, 1000.0
 INSIDE_M = 0.1
 
 
-def authors_places(count: int) -> list[tuple[float, float]]:
-    """Origin of the plume in the authors' trials with seeds 0, 1, ... at an arena radius of 100 m.
+def _c_rand(seed: int) -> Iterator[int]:
+    """The C library's rand() after srand(seed): GNU's additive feedback generator, the same on every machine."""
+    state = [seed or 1]
+    for _ in range(30):
+        state.append(16807 * state[-1] % (2**31 - 1))
+    state += state[:3]
+    for _ in range(310):
+        state.append((state[-31] + state[-3]) % 2**32)
+    while True:
+        state.append((state[-31] + state[-3]) % 2**32)
+        yield state[-1] >> 1
 
-    Their program draws it in decimetres from the C library's rand(): GNU's additive feedback generator, which is the
-    same on every machine.
+
+def authors_trial(seed: int, drones: int = 0) -> tuple[tuple[float, float], list[float]]:
+    """Origin of the plume and bearings of the drones' first spokes in the authors' trial of a seed.
+
+    At an arena radius of 100 m. Their program draws the place in decimetres, then an angle for every drone, from
+    which the first spoke is one golden angle on.
     """
-    found = []
-    for seed in range(count):
-        state = [seed or 1]
-        for _ in range(30):
-            state.append(16807 * state[-1] % (2**31 - 1))
-        state += state[:3]
-        for _ in range(310):
-            state.append((state[-31] + state[-3]) % 2**32)
-        while True:
-            drawn = []
-            for _ in range(2):
-                state.append((state[-31] + state[-3]) % 2**32)
-                drawn.append(1000 - (state[-1] >> 1) % 2000)
-            if math.hypot(*drawn) <= 1000.0:
-                break
-        found.append((drawn[0] / 10.0, drawn[1] / 10.0))
-    return found
+    rand = _c_rand(seed)
+    while True:
+        place = [1000 - next(rand) % 2000 for _ in range(2)]
+        if math.hypot(*place) <= 1000.0:
+            break
+    angles = [math.tau * next(rand) / (2**31 - 1) for _ in range(drones)]
+    return (place[0] / 10.0, place[1] / 10.0), [angle + math.tau / 1.6180339887 for angle in angles]
+
+
+def authors_places(count: int) -> list[tuple[float, float]]:
+    """Origin of the plume in the authors' trials with seeds 0, 1, ..."""
+    return [authors_trial(seed)[0] for seed in range(count)]
 
 
 class TrialOver(Exception):  # noqa: N818 (not an error)
