@@ -69,7 +69,8 @@ def _curves(panels: Any, summaries: list[dict[str, Any]]) -> None:
         ),
         strict=True,
     ):
-        for strategy, plume in dict.fromkeys((one["strategy"], one["plume"]) for one in summaries):
+        kinds = dict.fromkeys((one["strategy"], one["plume"]) for one in summaries)
+        for number, (strategy, plume) in enumerate(kinds):
             line = [
                 one
                 for one in summaries
@@ -82,6 +83,7 @@ def _curves(panels: Any, summaries: list[dict[str, Any]]) -> None:
                 "--" if plume in _HATCHED and len({one["plume"] for one in summaries}) > 1 else "-",
                 marker="o",
                 markersize=3.0,
+                lw=max(1.0, 3.4 - 0.6 * number),  # a line under another is seen
                 color=_COLOURS.get(strategy, _OTHER),
             )
         panel.set_yscale("log")
