@@ -6,7 +6,7 @@ SURVEY ?= examples/survey.yaml
 STAMP := $(VENV)/.installed
 
 .DEFAULT_GOAL := help
-.PHONY: help setup fly test check bench format lock clean
+.PHONY: help setup fly test check long bench format lock clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -28,10 +28,13 @@ check: $(STAMP) ## format, lint, types, import arrows, fast tests
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest tests/unit tests/contract -q -n 2
+	$(BIN)/python -m pytest tests/unit tests/contract tests/fuzz -q -n 2
 
 test: $(STAMP) ## all tests, with real processes, sockets and clients
 	$(BIN)/python -m pytest tests -n 2 --dist loadfile
+
+long: $(STAMP) ## damaged files and messages by the million, and other tests that take hours
+	$(BIN)/python -m pytest tests -m long -n 2 --timeout 21600 --durations 0
 
 bench: $(STAMP) ## the figures of the documentation, measured on this machine
 	$(BIN)/python -m benchmarks

@@ -11,12 +11,13 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
-from flightstack.autopilot import AutopilotSession, VehicleReport
+from flightstack.autopilot import AutopilotSession, TakenBy, VehicleReport
 from flightstack.config import DroneConfig
 from flightstack.flight.guard import Guard, Guarded, PositionTarget
 from flightstack.flight.guidance import over_the_top, underneath
 from flightstack.flight.homecoming import Homecoming
 from flightstack.flight.leaving import Leaving, LeavingFacts
+from flightstack.flight.obedience import Obedience
 from flightstack.flight.phase import Ask, FlightPhase, PhaseStep, SwarmFacts, VehicleFacts
 from flightstack.flight.slot_transfer import SlotStep, SlotTransfer
 from flightstack.flight.strategy_call import consult
@@ -30,7 +31,7 @@ from flightstack.swarm.news import Note
 from flightstack.swarm.topics import Received
 from flightstack.swarm.wire import Event, Phase, Severity
 from mission.geometry.formation import make_layout
-from mission.geometry.frames import LocalFrame
+from mission.geometry.frames import LocalFrame, Vector3
 from mission.geometry.geofence import LocalFence
 from mission.strategies.contract import (
     Decision,
@@ -59,6 +60,8 @@ class Inputs(msgspec.Struct, frozen=True, array_like=True):
     peers: tuple[PeerMessage, ...] = ()
     late_ticks: int = 0
     """Ticks since start-up that began more than a period late, as the runner counts them."""
+    storage: str = ""
+    """Why the flight is not recorded; empty when it is."""
 
 
 class AgentStatus(msgspec.Struct, frozen=True, kw_only=True):
@@ -115,6 +118,7 @@ class Agent:
         self._homecoming = Homecoming(config.limits, fence, -self._layer_above_home_m)
         self._leaving = Leaving(config.limits, fence, config.origin.amsl_m)
         self._slot = SlotTransfer()
+        self._obedience = Obedience(config.limits.floor_above_home_m)
         self._strategy = self._new_strategy()
         self._rng = np.random.default_rng((config.seed, config.drone))
         self._decision: Decision | None = None
@@ -123,7 +127,10 @@ class Agent:
         self._strategy_failure = ""
         self._formed_s: float | None = None
         self._best_ppm: float | None = None
+        self._crash = ""
+        """How and where the vehicle crashed since it was armed."""
         self._defects: set[str] = set()
+        self._storage = ""
         self._ticks = 0
 
     def step(self, now_s: float, inputs: Inputs) -> Outputs:
@@ -134,8 +141,11 @@ class Agent:
         vehicle = self._session.report
         received = (Received(topics.TOPICS[m.topic], m.sender, m.payload) for m in inputs.peers)
         swarm = self._swarm.step(now_s, received, self._decision, vehicle.position_ned_m)
-        notes = list(swarm.refused)
+        notes = [*self._storage_notes(inputs.storage), *swarm.refused]
         notes += [Note(_severity(text.severity), "statustext", text.text) for text in vehicle.new_texts]
+        if vehicle.stood_still_s:
+            text = f"this program stood still for {vehicle.stood_still_s:.1f} s and sent no setpoints"
+            notes.append(Note(Severity.WARNING, "stood_still", text))
         notes += swarm.news
         # filters
         sensed = self._sensing.step(now_s, inputs.ports, self._relay.samples(now_s, vehicle), motion(vehicle))
@@ -161,6 +171,9 @@ class Agent:
         intent = self._decide(now_s, phase, vehicle, sensed, swarm, place, slot)
         # guard
         guarded = self._steer(phase, intent, vehicle, swarm)
+        notes += self._obedience.step(now_s, guarded.setpoint if guarded else None, vehicle)
+        if self._obedience.grounded:
+            self._session.believe_crashed(self._obedience.grounded)
         # outputs
         self._ask(phase)
         if phase.phase in IN_FORMATION and sensed.excess_co2_ppm is not None:
@@ -176,6 +189,9 @@ class Agent:
             self._ticks + inputs.late_ticks,  # that were due, whether they were held or missed
             inputs.late_ticks,
             self._word,
+            self._crash,
+            self._obedience.astray,
+            storage=self._storage,
         )
         told = self._swarm.tell(now_s, notes, phase.outcomes, own)
         status = AgentStatus(
@@ -187,6 +203,15 @@ class Agent:
             comes_second=self._swarm.comes_second(self._ticks),
         )
         return Outputs(self._session.step(now_s), sensed.to_ports, told.messages, told.events, status)
+
+    def _storage_notes(self, storage: str) -> list[Note]:
+        """What is new about the recording."""
+        before, self._storage = self._storage, storage
+        if storage == before:
+            return []
+        if storage:
+            return [Note(Severity.WARNING, "recording", storage)]
+        return [Note(Severity.INFO, "recording", "the flight is recorded again")]
 
     def _begin(self, now_s: float, survey: str) -> None:
         """A survey starts: a new tree, a new strategy, nothing remembered of the one before."""
@@ -212,7 +237,11 @@ class Agent:
         facts = self._vehicle_facts(vehicle)
         try:
             phase = self.phase.step(
-                now_s, swarm.commands, facts, self._swarm_facts(now_s, vehicle, swarm, slot)
+                now_s,
+                swarm.commands,
+                facts,
+                self._swarm_facts(now_s, vehicle, swarm, slot),
+                storage=self._storage,
             )
         except IllegalTransitionError as error:
             phase = self.phase.stay(facts)
@@ -224,6 +253,10 @@ class Agent:
 
     def _vehicle_facts(self, vehicle: VehicleReport) -> VehicleFacts:
         position = vehicle.position_ned_m
+        if not vehicle.crash:
+            self._crash = ""
+        elif not self._crash:
+            self._crash = vehicle.crash + self._place(position)
         return VehicleFacts(
             connected=vehicle.connected,
             problem=self._session.problem,
@@ -232,10 +265,19 @@ class Agent:
             ours=vehicle.mode_ours,
             mode=vehicle.mode,
             taken_reason=vehicle.taken_reason,
+            failsafe=vehicle.taken_by is TakenBy.AUTOPILOT,
+            crash=self._crash,
             at_takeoff_altitude=vehicle.airborne
             and position is not None
             and -position[2] > self._layer_above_home_m - 1.0,
         )
+
+    def _place(self, position_ned_m: Vector3 | None) -> str:
+        """Where somebody has to go and look."""
+        if position_ned_m is None:
+            return "; it is not known where"
+        place = self.frame.to_geodetic(position_ned_m)
+        return f", at {place.latitude_deg:.6f}, {place.longitude_deg:.6f}"
 
     def _swarm_facts(
         self, now_s: float, vehicle: VehicleReport, swarm: SwarmView, slot: SlotStep
@@ -257,6 +299,7 @@ class Agent:
             stuck=self._homecoming.stuck,
             shut_out=swarm.shut_out,
             must_return=self._leaving.step(now_s, leaving),
+            has_twin=swarm.has_twin,
         )
 
     def _ask(self, phase: PhaseStep) -> None:

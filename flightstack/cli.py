@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import logging
 import pathlib
-import sys
 from typing import Annotated
 
 import typer
 
+from flightstack.command_line import run_program, versioned
 from mission.documents.yaml_file import DocumentError
 
 app = typer.Typer(
     help="The agent on a drone's companion computer.", no_args_is_help=True, pretty_exceptions_enable=False
 )
 
+app.callback()(versioned)
 ConfigOption = Annotated[pathlib.Path, typer.Option("--config", help="The drone's YAML file.")]
 
 
@@ -22,11 +22,10 @@ ConfigOption = Annotated[pathlib.Path, typer.Option("--config", help="The drone'
 def run(config: ConfigOption) -> None:
     """Fly: connect to the autopilot, the instruments and the swarm, and wait for the ground's start."""
     from flightstack.config_file import load
+    from flightstack.process_log import log_to_stderr
     from flightstack.runner import run as run_agent
 
-    logging.basicConfig(
-        stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(levelname)-7s %(name)s: %(message)s"
-    )
+    log_to_stderr()
     raise typer.Exit(run_agent(load(config), file=str(config)))
 
 
@@ -75,16 +74,16 @@ _mount_sensors()
 
 def main() -> None:
     """Entry point: what a user can get wrong ends in one line and exit code 2."""
+    run_program("flightstack", app, _exit_code_of)
+
+
+def _exit_code_of(error: Exception) -> int | None:
     from flightstack.errors import FlightstackError
-    from flightstack.mavlink.link import LinkError
     from flightstack.transport import TransportError
     from sensors.instruments.sensor_error import SensorError
 
-    try:
-        app(standalone_mode=True)
-    except (DocumentError, FlightstackError, LinkError, TransportError, SensorError) as error:
-        typer.echo(f"flightstack: {error}", err=True)
-        raise SystemExit(2) from error
+    known = (DocumentError, FlightstackError, TransportError, SensorError)
+    return 2 if isinstance(error, known) else None
 
 
 if __name__ == "__main__":

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import logging
 import pathlib
 from collections.abc import Iterator
 
+import msgspec
+
 from flightstack.config import DroneConfig, FormationConfig, LimitsConfig
+from flightstack.limit_checks import formation_problems, limit_problems, name_problems, parameter_problems
 from flightstack.mavlink.link import LinkError, check_link
 from flightstack.sensing.filter_stage import co2_settings, wind_settings
+from flightstack.transport.claims import Claim, clashes, endpoint_claim, link_claim, port_claim
 from flightstack.transport.endpoints import endpoint_problems
+from mission.documents.fence_section import FenceChoice, read_section
 from mission.documents.yaml_file import DocumentError, line_of, parse, read_text
 from mission.geometry.formation import make_layout
 from mission.geometry.frames import LocalFrame
@@ -18,14 +24,24 @@ from sensors.instruments.registry import make_instrument
 from sensors.instruments.sensor_error import SensorError
 from sensors.serial.port import check_port
 
+log = logging.getLogger("flightstack.config")
+
 FASTEST = 100.0
 """Largest speed-up; `flightstack.recording.clock` refuses more."""
+
+
+class _DroneFile(DroneConfig, frozen=True, kw_only=True):
+    geofence: FenceChoice = None  # type: ignore[assignment]  # until it is read: areas, or a file's name
 
 
 def load(path: str | pathlib.Path) -> DroneConfig:
     """Read and check a drone's file. `DocumentError` says in one line what is wrong and how to mend it."""
     file, text = str(path), read_text(path)
-    config = parse(text, DroneConfig, file)
+    written = parse(text, _DroneFile, file)
+    fence, warnings = read_section(written.geofence, file, text)
+    for warning in warnings:
+        log.warning("%s", warning)
+    config = DroneConfig(**msgspec.structs.asdict(written) | {"geofence": fence})
     for field, problem in problems(config):
         raise DocumentError(file, problem, line=line_of(text, field), field=field)
     return config
@@ -38,7 +54,11 @@ def problems(config: DroneConfig) -> Iterator[tuple[str, str]]:
         yield "drone", f"drone {config.drone} is not in swarm.members {list(members)}"
     if len(set(members)) != len(members):
         yield "swarm.members", "a drone's id stands twice; every drone needs its own"
+    yield from name_problems(config)
     yield from _plain_numbers(config)
+    yield from limit_problems(limits)
+    yield from formation_problems(formation)
+    yield from parameter_problems(config.autopilot, limits)
     yield from _altitudes(formation, limits, len(members))
     layout = make_layout(formation.layout, formation.spacing_m)
     for problem in layout.problems(len(members), limits.separation_m, formation.radio_range_m):
@@ -65,6 +85,15 @@ def problems(config: DroneConfig) -> Iterator[tuple[str, str]]:
             check_port(instrument.port, 9600 if instrument.baud is None else instrument.baud)
         except SensorError as error:
             yield f"{field}.port", str(error)
+    yield from clashes(_claims(config))
+
+
+def _claims(config: DroneConfig) -> Iterator[Claim]:
+    yield from link_claim("autopilot.link", config.autopilot.link)
+    for index, endpoint in enumerate(config.swarm.listen):
+        yield from endpoint_claim(f"swarm.listen[{index}]", endpoint)
+    for index, instrument in enumerate(config.instruments):
+        yield from port_claim(f"instruments[{index}].port", instrument.port)
 
 
 def _filters(config: DroneConfig) -> Iterator[tuple[str, str]]:
@@ -125,11 +154,9 @@ def _altitudes(formation: FormationConfig, limits: LimitsConfig, drones: int) ->
 def _fence(config: DroneConfig) -> Iterator[tuple[str, str]]:
     if config.geofence is None:
         return
-    found = False
-    for problem in config.geofence.problems():
-        found = True
-        yield "geofence", problem
-    if found:
+    fence_problems = config.geofence.problems()
+    if fence_problems:
+        yield from (("geofence", problem) for problem in fence_problems)
         return
     # The swarm forms up over the origin: a fence without it is a fence that nothing can be flown in.
     clearance_m = LocalFence(LocalFrame(config.origin), config.geofence).clearance_m(0.0, 0.0)

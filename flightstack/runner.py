@@ -31,7 +31,7 @@ log = logging.getLogger("flightstack")
 LEVEL = {Severity.INFO: logging.INFO, Severity.WARNING: logging.WARNING, Severity.CRITICAL: logging.ERROR}
 
 
-IDLE = frozenset({Phase.DISARMED, Phase.LANDED, Phase.PILOT})
+IDLE = frozenset({Phase.DISARMED, Phase.LANDED, Phase.CRASHED, Phase.PILOT})
 """The phases in which this agent has nothing in the air."""
 
 TWIN_S = 10.0
@@ -106,7 +106,7 @@ class Runner:
         inputs = self._shell.gather(self.deadlines.late)
         if self._ends():
             return False
-        inputs = self._with_signal(inputs)
+        inputs = self._with_signal(msgspec.structs.replace(inputs, storage=self._recording.problem))
         now_s = self._clock.now_s()
         outputs = self._agent.step(now_s, inputs)
         self._shell.send(outputs)

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from flightstack.config import TlsConfig
 from flightstack.recording.clock import WallClock
-from flightstack.swarm.topics import GROUND, TOPICS
+from flightstack.swarm.topics import TOPICS
 from flightstack.transport import Transport
 from gcs.errors import GroundError
 from gcs.plans.checks import load_fence
@@ -18,7 +18,7 @@ from gcs.station_config import AlarmLimits, GroundConfig, load
 from mission.geometry.frames import LocalFrame
 from mission.geometry.geofence import Geofence, LocalFence
 
-RECEIVED = tuple(topic for topic in TOPICS.values() if topic is not GROUND)
+RECEIVED = tuple(TOPICS.values())
 """What a ground station listens to."""
 
 
@@ -37,6 +37,8 @@ class Connection:
     name: str = "ground"
     station_listens: tuple[str, ...] = ()
     """Endpoints of the running station on this machine: its network is ours."""
+    unresolved: tuple[str, ...] = ()
+    """Of endpoints whose host has no address now, one sentence each: nobody is reached there."""
 
     def local_fence(self) -> LocalFence | None:
         if self.fence is None or self.frame is None:
@@ -70,12 +72,41 @@ def from_options(config: pathlib.Path | None, swarm: str | None, connect: Sequen
     if config is not None:
         if swarm is not None:
             raise GroundError("--swarm: give either --config or --swarm with --connect, not both")
-        return from_config(load(config), config, connect)
+        return from_config(load(config), config, _resolved(connect))
     if swarm is None:
         raise GroundError("which swarm? give --config ground.yaml, or --swarm NAME --connect tcp/HOST:PORT")
     if not connect:
         raise GroundError("--connect: give at least one endpoint of the swarm, as tcp/HOST:PORT")
-    return Connection(swarm, (), tuple(connect))
+    return Connection(swarm, (), _resolved(connect))
+
+
+def _resolved(connect: Sequence[str]) -> tuple[str, ...]:
+    """What was given on the command line; `GroundError` where there is no such host."""
+    for endpoint in connect:
+        problem = _host_problem(endpoint)
+        if problem is not None:
+            raise GroundError(f"--connect {endpoint}: {problem}")
+    return tuple(connect)
+
+
+def _host_problem(endpoint: str) -> str | None:
+    """Why the host of an endpoint has no address; None where it has one, or where it is no endpoint at all."""
+    host, _, port = _host_and_port(endpoint)
+    if not host or not port.isdecimal():
+        return None
+    try:
+        socket.getaddrinfo(host, int(port), type=socket.SOCK_DGRAM)
+    except (OSError, ValueError) as error:  # a name with an empty or overlong label is a UnicodeError
+        reason = getattr(error, "strerror", None) or "it is no name of a host"
+        return f"no host is called {host!r} ({reason})"
+    return None
+
+
+def _host_and_port(endpoint: str) -> tuple[str, str, str]:
+    """Host, protocol and port as they are written."""
+    protocol, _, address = endpoint.partition("/")
+    host, _, port = address.partition("?")[0].partition("#")[0].rpartition(":")
+    return host.strip("[]"), protocol, port
 
 
 def from_config(config: GroundConfig, file: pathlib.Path, connect: Sequence[str] = ()) -> Connection:
@@ -85,6 +116,7 @@ def from_config(config: GroundConfig, file: pathlib.Path, connect: Sequence[str]
         raise GroundError(
             f"{file}: swarm: no endpoint to reach the swarm at; add swarm.connect or swarm.listen"
         )
+    problems = {endpoint: _host_problem(endpoint) for endpoint in endpoints}
     return Connection(
         config.swarm.name,
         config.swarm.members,
@@ -96,6 +128,7 @@ def from_config(config: GroundConfig, file: pathlib.Path, connect: Sequence[str]
         config.speedup,
         config.station,
         config.swarm.listen,
+        tuple(f"{file}: {endpoint}: {problem}" for endpoint, problem in problems.items() if problem),
     )
 
 
@@ -104,9 +137,7 @@ def own_endpoint(endpoint: str) -> str | None:
 
     None where no way leads there: what cannot be reached cannot connect to us either.
     """
-    protocol, _, address = endpoint.partition("/")
-    host, _, port = address.partition("?")[0].partition("#")[0].rpartition(":")
-    host = host.strip("[]")
+    host, protocol, port = _host_and_port(endpoint)
     if host in ("0.0.0.0", "::"):  # noqa: S104 (the station's own choice, repeated)
         return f"{protocol}/{_bracketed(host)}:0"
     try:

@@ -6,8 +6,11 @@ import contextlib
 import datetime
 import logging
 import pathlib
+import random
+import time
 
 from flightstack.mavlink.link import ByteLink, LinkError, open_link
+from flightstack.recording.background_file import make_directory
 from flightstack.recording.clock import Clock, make_clock
 from flightstack.recording.recorder import FlightRecorder, RecordingError, TlogWriter
 from flightstack.stop_signals import StopSignals
@@ -22,6 +25,9 @@ from gcs.station_config import GroundConfig
 from mission.documents.yaml_file import fault_of
 
 log = logging.getLogger("gcs")
+
+LINK_PATIENCE_S = 5.0
+"""Real seconds after the start in which a link that does not work yet is nothing to tell."""
 
 LEVELS = {Severity.INFO: logging.INFO, Severity.WARNING: logging.WARNING, Severity.CRITICAL: logging.ERROR}
 
@@ -57,13 +63,14 @@ class Recordings:
             return None
         path = self._directory / f"vehicle-{system}-{self._stamp}.tlog"
         try:
+            make_directory(self._directory)
             self._logs[system] = TlogWriter(path, self._unix_at_zero_s)
-        except RecordingError as error:
+        except (OSError, RecordingError) as error:
             self._unopened[system] = str(error)
         return self._logs.get(system)
 
     def problems(self) -> set[str]:
-        """Why a recording has ended before its time (the disk is full), a line each."""
+        """Why something is not recorded now (the disk is full), a line each."""
         found = {self.timeline.problem, *(tlog.problem for tlog in self._logs.values())}
         found.update(self._unopened.values())
         return found - {""}
@@ -79,7 +86,8 @@ def serve(config: GroundConfig, file: pathlib.Path) -> int:
     stop = StopSignals()
     stop.install()
     clock = make_clock(config.speedup, config.clock)
-    station = Station(config, load_fence(config, file), clock.now_s())
+    incarnation = random.SystemRandom().randrange(1, 1 << 31)
+    station = Station(config, load_fence(config, file), clock.now_s(), incarnation=incarnation)
     directory = _directory(config, file)
     with contextlib.ExitStack() as opened:
         links: list[ByteLink] = []
@@ -119,10 +127,16 @@ def serve(config: GroundConfig, file: pathlib.Path) -> int:
     return 0
 
 
+def _in_short(problems: set[str]) -> str:
+    """The first, and how many more there are: every vehicle has a log on the same disk."""
+    first, *more = sorted(problems) or [""]
+    return f"{first} (and {len(more)} more)" if more else first
+
+
 def _directory(config: GroundConfig, file: pathlib.Path) -> pathlib.Path:
     directory = pathlib.Path(config.record_to)
     try:
-        directory.mkdir(parents=True, exist_ok=True)
+        make_directory(directory)
     except OSError as error:
         problem = f"{directory} cannot be made: {error.strerror}; name another directory"
         raise fault_of(str(file), "record_to", problem) from error
@@ -141,13 +155,13 @@ def _loop(
     period_s = 1.0 / config.tick_hz
     due_s = clock.now_s()
     problems = [""] * len(links)
-    said: set[str] = set()
+    begun_s = time.monotonic()
     while not stop.asked:
         clock.sleep_until(due_s)
         received = transport.receive()
         data = [link.read() for link in links]
         now_s = clock.now_s()
-        outputs = station.step(now_s, received, data)
+        outputs = station.step(now_s, received, data, _in_short(recordings.problems()))
         for topic, message in outputs.publish:
             transport.publish(topic, topic.codec.encode(message))
         for link, written in zip(links, outputs.writes, strict=True):
@@ -157,11 +171,9 @@ def _loop(
         for severity, line in outputs.log:
             log.log(LEVELS[severity], "%s", line)
         for index, link in enumerate(links):
-            if link.problem != problems[index]:
+            patient = time.monotonic() < begun_s + LINK_PATIENCE_S
+            if link.problem != problems[index] and not patient:
                 problems[index] = link.problem
-                log.warning("%s: %s", link.describe, link.problem or "works again")
-        for problem in recordings.problems() - said:
-            said.add(problem)
-            log.error("recording: %s", problem)
+                log.warning("%s", link.problem or f"{link.describe} works again")
         # Ticks that are past are not made up: after a stall the station goes on with the present.
         due_s = max(due_s + period_s, clock.now_s() - period_s)

@@ -12,7 +12,7 @@ import msgspec
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.mavlink import vehicle_state
-from flightstack.mavlink.codec import MavlinkCodec
+from flightstack.mavlink.codec import MavlinkCodec, MavlinkMessage
 from flightstack.mavlink.commands import heartbeat, set_mode
 from flightstack.mavlink.message_rates import StreamRequests
 from flightstack.mavlink.modes import Flavour, mode_of
@@ -27,9 +27,10 @@ from flightstack.swarm.wire import (
     Traffic,
     TrafficVehicle,
 )
-from gcs.fleet.monitor import Monitor, on_the_wire
+from gcs.fleet.monitor import Monitor, ended, on_the_wire
 from gcs.fleet.orphans import OrphanKeeper
 from gcs.fleet.proxy import CommandProxy
+from gcs.fleet.vehicle_texts import VehicleTexts
 from gcs.fleet.vehicles import Component, Source
 from gcs.fleet.view import FleetView
 from gcs.station_config import GroundConfig
@@ -77,8 +78,12 @@ class StationOutputs(msgspec.Struct, frozen=True):
 
 
 class Station:
-    def __init__(self, config: GroundConfig, fence: Geofence | None, started_s: float) -> None:
+    def __init__(
+        self, config: GroundConfig, fence: Geofence | None, started_s: float, *, incarnation: int = 1
+    ) -> None:
+        """`incarnation` (31 bits, not 0) is another one at every start: by it the station knows its own echo."""
         self.config = config
+        self._incarnation = incarnation
         frame = LocalFrame(config.origin)
         self.fleet = FleetView(config.swarm.members, frame, started_s)
         self.frame = frame
@@ -96,11 +101,16 @@ class Station:
         self._frames: list[Frame] = []
         self._early: dict[int, list[Frame]] = {}
         self._log: list[tuple[Severity, str]] = []
+        self._texts = VehicleTexts()
         self._sent_s: dict[str, float] = {}
         self._sequence = 0
 
-    def step(self, now_s: float, peers: Sequence[Received], links: Sequence[bytes]) -> StationOutputs:
-        """One tick: `links` holds what came over each MAVLink link since the last."""
+    def step(
+        self, now_s: float, peers: Sequence[Received], links: Sequence[bytes], storage: str = ""
+    ) -> StationOutputs:
+        """One tick: `links` holds what came over each MAVLink link since the last; `storage` tells why the station
+        does not record, if it does not."""
+        self.fleet.storage = storage
         self._publish, self._timeline, self._frames, self._log = [], [], [], []
         self._writes = [bytearray() for _ in self._codecs]
         for index, data in enumerate(links):
@@ -126,20 +136,40 @@ class Station:
         for frame, message in codec.receive_frames(now_s, data):
             if message is not None:
                 component = self.fleet.receive_mavlink(now_s, index, message)
+                if message.kind == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+                    self._look_for_rival(now_s, index, message)
                 if message.kind == mavlink.MAVLINK_MSG_ID_COMMAND_ACK and codec.is_answer_to_us(message):
                     self._requests_of(component).acknowledge(
                         now_s, message.fields.command, message.fields.result
                     )
             self._log_frame(Frame(frame.system, frame.data))
 
+    def _look_for_rival(self, now_s: float, index: int, message: MavlinkMessage) -> None:
+        """Another ground station's heartbeat under our system id; our own comes back with our mark in it."""
+        own, fields = self.config.mavlink, message.fields
+        is_rival = fields.type == mavlink.MAV_TYPE_GCS and fields.custom_mode != self._incarnation
+        if message.system == own.system and is_rival:
+            text = (
+                f"another ground station (component {message.component}) on {own.links[index]} has our system id "
+                f"{own.system}: give one of them another (here: mavlink.system)"
+            )
+            self.fleet.rivals["system"] = (text, now_s)
+
     def _tell_texts(self, now_s: float) -> None:
+        """Warnings and worse of our own vehicles are events; everything is on the timeline."""
         for component in self.fleet.vehicles.components.values():
             component.flush(now_s)
-            system = component.source.system
+            link, system, number = component.source
             for text in component.take_texts():
                 self._timeline.append(TimelineEntry(f"/statustext/{system}", text))
-                if not self.fleet.agent_live(system, now_s) and text.severity <= 4:
-                    self._event(Severity.WARNING, system, "statustext", text.text)
+                if text.severity > mavlink.MAV_SEVERITY_WARNING or not self.fleet.is_member(system):
+                    continue
+                if number == vehicle_state.AUTOPILOT_COMPONENT:
+                    self._texts.hear(now_s, link, system, text)
+                else:
+                    self._event(Severity.WARNING, system, "statustext", f"component {number}: {text.text}")
+        for drone, text in self._texts.due(now_s, lambda drone: self.fleet.agent_live(drone, now_s)):
+            self._event(Severity.WARNING, drone, "statustext", text.text)
 
     def _log_frame(self, frame: Frame) -> None:
         """Into the vehicle's log; what came before its first heartbeat waits until it is known as a vehicle."""
@@ -159,6 +189,25 @@ class Station:
             self._proxy.receive(now_s, message, self.fleet, self._keeper)
         elif isinstance(message, Event):
             self._log.append((message.severity, f"drone {message.sender}: {message.code}: {message.text}"))
+            if message.code == "statustext":
+                self._texts.agent_told(now_s, message.sender, message.text)
+        elif isinstance(message, GroundBeat):
+            self._meet_station(now_s, message)
+
+    def _meet_station(self, now_s: float, beat: GroundBeat) -> None:
+        """The network does not bring our own beats back: who has our name is another."""
+        own = self.config
+        if beat.sender == own.station:
+            text = (
+                f"another ground station calls itself {own.station}: give one of them another `station` name"
+            )
+            self.fleet.rivals["name"] = (text, now_s)
+        elif beat.system == own.mavlink.system and own.mavlink.links:
+            text = (
+                f"ground station {beat.sender} has our MAVLink system id {beat.system}: "
+                "give one of them another (mavlink.system)"
+            )
+            self.fleet.rivals["system"] = (text, now_s)
 
     # -- judge and act -------------------------------------------------------------------------------------
 
@@ -169,12 +218,12 @@ class Station:
             self._event(alarm.severity, alarm.drone, alarm.code, alarm.text)
         for alarm in changes.cleared:
             self._timeline.append(TimelineEntry("/alarm", {"change": "cleared", "alarm": alarm}))
-            self._event(Severity.INFO, alarm.drone, alarm.code, f"over: {alarm.text}")
+            self._event(Severity.INFO, alarm.drone, alarm.code, ended(alarm))
 
     def _act(self, now_s: float) -> None:
         for change in self._keeper.step(now_s, self.fleet):
             vehicle = change.vehicle
-            custom_mode = mode_of(vehicle.flavour, change.duty)
+            custom_mode = mode_of(vehicle.mode_table, change.duty)
             self._send(vehicle.source, set_mode(vehicle, custom_mode, change.confirmation))
         for action in self._keeper.take_actions():
             self._timeline.append(TimelineEntry("/action", action))
@@ -182,6 +231,8 @@ class Station:
         for outcome in self._proxy.step(now_s, self.fleet):
             self._publish.append((topics.OUTCOME, outcome))
         for autopilot in self.fleet.vehicles.autopilots():
+            if not self.fleet.is_member(autopilot.source.system):
+                continue  # it is not ours, and not asked for anything
             for message in self._requests_of(autopilot).step(now_s, autopilot):
                 self._send(autopilot.source, message)
 
@@ -197,10 +248,11 @@ class Station:
     def _tell(self, now_s: float) -> None:
         if self._due(now_s, "heartbeat", HEARTBEAT_HZ):
             for index, codec in enumerate(self._codecs):
-                self._writes[index] += codec.encode(heartbeat(mavlink.MAV_TYPE_GCS))
+                self._writes[index] += codec.encode(heartbeat(mavlink.MAV_TYPE_GCS, self._incarnation))
         if self._due(now_s, topics.GROUND.name, topics.GROUND.rate_hz):
             self._sequence += 1
-            self._publish.append((topics.GROUND, GroundBeat(self.config.station, self._sequence)))
+            system = self.config.mavlink.system if self.config.mavlink.links else 0
+            self._publish.append((topics.GROUND, GroundBeat(self.config.station, self._sequence, system)))
         if self._due(now_s, topics.REPORT.name, topics.REPORT.rate_hz):
             self._publish.append((topics.REPORT, self._report(now_s)))
         traffic = self._traffic(now_s)
@@ -222,7 +274,7 @@ class Station:
                 vehicle.position_age_s(now_s),
                 vehicle.airborne(now_s),
             )
-            for vehicle in self._heard()
+            for vehicle in self._heard(now_s)
             if (
                 not self.fleet.agent_live(drone := vehicle.source.system, now_s)
                 or self.fleet.missed(drone, now_s)
@@ -235,15 +287,15 @@ class Station:
     def _report(self, now_s: float) -> GroundReport:
         vehicles = tuple(
             heard
-            for vehicle in self._heard()
+            for vehicle in self._heard(now_s)
             if (heard := self.fleet.heard_vehicle(vehicle.source.system, now_s)) is not None
         )
         alarms = on_the_wire(self.monitor.alarms, now_s)
         return GroundReport(self.config.station, self.frame.identity, alarms, vehicles)
 
-    def _heard(self) -> list[Component]:
-        systems = sorted(self.fleet.vehicles.systems())
-        return [c for system in systems if (c := self.fleet.vehicles.autopilot(system)) is not None]
+    def _heard(self, now_s: float) -> list[Component]:
+        drones = sorted(self.fleet.drones(now_s))
+        return [c for drone in drones if (c := self.fleet.vehicle(drone)) is not None]
 
     # -- out -----------------------------------------------------------------------------------------------
 

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import logging
 import pathlib
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
+import msgspec
 from msgspec import Meta
 
 from flightstack.config import Fraction, NotNegative, Positive, Section, SharedClockConfig, SwarmConfig
 from flightstack.mavlink.link import LinkError, check_link
+from flightstack.transport.claims import Claim, clashes, endpoint_claim, link_claim
 from flightstack.transport.endpoints import endpoint_problems
+from mission.documents.fence_section import FenceChoice, read_section
 from mission.documents.yaml_file import DocumentError, line_of, parse, read_text
 from mission.geometry.frames import Geodetic
 from mission.geometry.geofence import Geofence
+
+log = logging.getLogger("gcs.station_config")
 
 
 class MavlinkConfig(Section, frozen=True, kw_only=True):
@@ -60,9 +66,9 @@ class GroundConfig(Section, frozen=True, kw_only=True):
     """Origin of the swarm's local frame, the same as in the drones' files."""
     mavlink: MavlinkConfig = MavlinkConfig()
     geofence: Geofence | None = None
-    """The fence that breaches are watched against; or `plan`."""
+    """The fence that breaches are watched against; in a file also `file`, as in the drones' files; or `plan`."""
     plan: str | None = None
-    """A QGroundControl .plan file whose geofence is watched, its path relative to this file's directory."""
+    """A .plan or other file whose geofence is watched, its path relative to this file's directory."""
     orphans: OrphanConfig = OrphanConfig()
     alarms: AlarmLimits = AlarmLimits()
     record_to: str = "flights"
@@ -74,10 +80,18 @@ class GroundConfig(Section, frozen=True, kw_only=True):
     tick_hz: Positive = 10.0
 
 
+class _GroundFile(GroundConfig, frozen=True, kw_only=True):
+    geofence: FenceChoice = None  # type: ignore[assignment]  # until it is read: areas, or a file's name
+
+
 def load(path: str | pathlib.Path) -> GroundConfig:
     """Read and check a ground station's file. `DocumentError` says in one line what is wrong where."""
     file, text = str(path), read_text(path)
-    config = parse(text, GroundConfig, file)
+    written = parse(text, _GroundFile, file)
+    fence, warnings = read_section(written.geofence, file, text)
+    for warning in warnings:
+        log.warning("%s", warning)
+    config = GroundConfig(**msgspec.structs.asdict(written) | {"geofence": fence})
     for field, problem in problems(config):
         raise DocumentError(file, problem, line=line_of(text, field), field=field)
     return config
@@ -91,21 +105,25 @@ def problems(config: GroundConfig) -> Iterator[tuple[str, str]]:
     if mavlink.system in members:
         problem = f"{mavlink.system} is also a drone's system id; 255 is the usual one of a ground station"
         yield "mavlink.system", problem
-    if len(set(mavlink.links)) != len(mavlink.links):
-        yield "mavlink.links", "a link stands twice"
     for index, link in enumerate(mavlink.links):
         try:
             check_link(link)
         except LinkError as error:
             yield f"mavlink.links[{index}]", str(error)
     yield from endpoint_problems(config.swarm)
+    yield from clashes(_claims(config))
     if config.geofence is not None and config.plan is not None:
         yield "plan", "give either geofence or plan, not both"
-    for problem in config.geofence.problems() if config.geofence is not None else ():
-        yield "geofence", problem
     if alarms.battery_critical_fraction > alarms.battery_low_fraction:
         yield "alarms.battery_critical_fraction", "it is above battery_low_fraction"
     if config.speedup > 100.0:
         yield "speedup", f"{config.speedup:g} is not within 0 to 100"
     if config.tick_hz < 4.0:
         yield "tick_hz", f"{config.tick_hz:g} is too slow for what is sent 4 times a second; 10 is usual"
+
+
+def _claims(config: GroundConfig) -> Iterator[Claim]:
+    for index, link in enumerate(config.mavlink.links):
+        yield from link_claim(f"mavlink.links[{index}]", link)
+    for index, endpoint in enumerate(config.swarm.listen):
+        yield from endpoint_claim(f"swarm.listen[{index}]", endpoint)

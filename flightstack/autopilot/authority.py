@@ -2,21 +2,30 @@
 
 A mode that we did not ask for ends our authority. It is given back only by a new arming or by our own
 `take_control`, never because the mode happens to be ours again: the pilot may only be passing through it.
+
+There is one exception: PX4 leaves Offboard by a failsafe when setpoints do not come for a second, and comes back to
+it by itself when they do. While that is all that happened nobody has taken the vehicle: it is waiting for us.
 """
 
 from __future__ import annotations
 
+import math
 import re
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.autopilot.report import TakenBy
-from flightstack.mavlink.modes import Flavour, mode_name
+from flightstack.mavlink.modes import Duty, Flavour, mode_name, mode_of
 
 EXPECTED_FOR_S = 5.0
 """How long after the last request for a mode its coming is still our doing."""
 EVIDENCE_S = 3.0
 """How far a failsafe's text and its change of mode may be apart, either way."""
+
+RESUMES_S = 3.0
+"""PX4 is back in Offboard within a second of the first setpoints; its heartbeat tells within another one."""
+_NO_SETPOINTS = "No offboard signal"
+"""PX4's reason for the failsafe."""
 
 _CRITICAL = frozenset(
     (mavlink.MAV_STATE_CRITICAL, mavlink.MAV_STATE_EMERGENCY, mavlink.MAV_STATE_FLIGHT_TERMINATION)
@@ -52,10 +61,22 @@ class Authority:
         self._changed_s: float | None = None
         """When the newest change came, while no text has explained it."""
         self._expected: dict[int, float] = {}
+        self._stood_still_s = -math.inf
+        self._lapsed_s: float | None = None
+        """When the vehicle was first seen to do without us, for want of setpoints; None while it does not."""
 
     @property
     def failsafe(self) -> bool:
         return self.taken_by is TakenBy.AUTOPILOT or (self._critical and bool(self._armed))
+
+    @property
+    def resuming(self) -> bool:
+        """The vehicle flies by its own failsafe for want of setpoints, and is ours as soon as it gets them."""
+        return self._lapsed_s is not None
+
+    def stood_still(self, now_s: float) -> None:
+        """We sent nothing for so long that PX4 may have missed it."""
+        self._stood_still_s = now_s
 
     def expect(self, now_s: float, mode: int) -> None:
         """We are asking for `mode`."""
@@ -65,6 +86,7 @@ class Authority:
         """A request of ours (arm, take control, …) has succeeded: the vehicle is ours."""
         self.taken_by = TakenBy.NOBODY
         self.taken_reason = ""
+        self._lapsed_s = None
 
     def heartbeat(self, now_s: float, flavour: Flavour, armed: bool, mode: int, system_status: int) -> None:
         self._flavour = flavour
@@ -77,8 +99,10 @@ class Authority:
         if armed and self._armed is False:
             self.regain()
             self.failsafe_reason = ""
-        elif armed and self._armed and self._mode is not None and mode != self._mode:
-            self._mode_changed(now_s, self._mode, mode)
+        elif armed and self._armed and self._mode is not None:
+            self._in_flight(now_s, self._mode, mode)
+        if not armed:
+            self._lapsed_s = None
         self._armed, self._mode = armed, mode
 
     def text(self, now_s: float, text: str) -> None:
@@ -90,9 +114,36 @@ class Authority:
             self.taken_by, self.taken_reason = TakenBy.AUTOPILOT, f"{self._change} ({text})"
             self._text = self._changed_s = None
 
+    def _in_flight(self, now_s: float, old: int, new: int) -> None:
+        if new != old and self._lapses(now_s, old, new):
+            self._lapsed_s = now_s
+        elif self._lapsed_s is None:
+            if new != old:
+                self._mode_changed(now_s, old, new)
+        elif new == mode_of(self._flavour, Duty.CONTROL):
+            self._lapsed_s = None
+        elif not self._critical or now_s - self._lapsed_s > RESUMES_S:
+            # Somebody chose a mode meanwhile, or our setpoints do not reach it: then the failsafe has it for good.
+            self._lapsed_s = None
+            if self._critical:
+                self._text = (now_s, self.failsafe_reason or "no setpoints reach it")
+            self._mode_changed(now_s, mode_of(self._flavour, Duty.CONTROL), new)
+
+    def _lapses(self, now_s: float, old: int, new: int) -> bool:
+        """Is this change PX4's failsafe for want of setpoints, and nothing else?"""
+        if self._flavour is not Flavour.PX4 or self.taken_by is not TakenBy.NOBODY or not self._critical:
+            return False
+        if old != mode_of(self._flavour, Duty.CONTROL) or new in self._expected_now(now_s):
+            return False
+        if self._text is not None and now_s - self._text[0] <= EVIDENCE_S:
+            return f"({_NO_SETPOINTS})" in self._text[1]
+        return now_s - self._stood_still_s <= EVIDENCE_S
+
+    def _expected_now(self, now_s: float) -> set[int]:
+        return {mode for mode, asked_s in self._expected.items() if now_s - asked_s <= EXPECTED_FOR_S}
+
     def _mode_changed(self, now_s: float, old: int, new: int) -> None:
-        asked_s = self._expected.get(new)
-        if asked_s is not None and now_s - asked_s <= EXPECTED_FOR_S:
+        if new in self._expected_now(now_s):
             return
         self._changed_s = now_s
         self.takeovers += 1

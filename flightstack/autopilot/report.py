@@ -58,6 +58,8 @@ class VehicleReport(msgspec.Struct, frozen=True, kw_only=True):
     """The autopilot's own estimate of where the air goes, if one came since the last `step`."""
     wind_sd_mps: float | None
     """Standard deviation of `wind_ned_mps` per horizontal axis; None where the autopilot does not say."""
+    crash: str
+    """How it crashed since it was armed, in words; empty if it did not. A wreck is not `airborne`."""
     failsafe: bool
     """A failsafe acts or has taken the vehicle."""
     failsafe_reason: str
@@ -65,5 +67,7 @@ class VehicleReport(msgspec.Struct, frozen=True, kw_only=True):
     """NAMED_VALUE_FLOATs (name, value) since the last `step`: how instruments behind the autopilot report."""
     new_texts: tuple[StatusText, ...]
     """Status texts since the last `step`."""
+    stood_still_s: float
+    """How long we ourselves did nothing before this tick, while the vehicle needed our setpoints; mostly 0."""
     notes: tuple[str, ...]
     """What an operator should know: streams that do not come, an autopilot with a wrong system id."""

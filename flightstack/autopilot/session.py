@@ -13,6 +13,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.autopilot.arming import Arm
+from flightstack.autopilot.precautions import Precautions
 from flightstack.autopilot.report import VehicleReport
 from flightstack.autopilot.requests import (
     Disarm,
@@ -47,6 +48,8 @@ AGAIN_S = 1.0
 """A request that has just failed is not begun anew before."""
 PROBLEM_S = 2.0
 """How long `problem` tells of a failure."""
+STOOD_STILL_S = 0.9
+"""Without a setpoint for a second PX4 takes Offboard for lost (COM_OF_LOSS_T), ArduPilot stops (GUID_TIMEOUT)."""
 RESULTS_KEPT = 32
 
 _NEEDED_HZ = {
@@ -101,15 +104,22 @@ class AutopilotSession:
         self._prepared_boot: int | None = None
         self._target: Target | None = None
         self._withheld = ""
+        self._warning = ""
+        """What the newest arming found in the autopilot's parameters."""
+        self._stood_still_s = 0.0
         self._report: VehicleReport | None = None
 
     # -- what came ------------------------------------------------------------------------------------------
 
     def receive(self, now_s: float, data: bytes) -> None:
         """Bytes from the link, in any pieces. Call it every tick, also with none: ages are counted from `now_s`."""
+        still_s = now_s - self._now_s
         self._now_s = max(self._now_s, now_s)
         self._report = None
         vehicle, told = self._vehicle, len(self._vehicle.new_texts)
+        if STOOD_STILL_S < still_s < math.inf and vehicle.is_ours and vehicle.armed:
+            self._stood_still_s = still_s
+            vehicle.authority.stood_still(now_s)
         for message in self._codec.receive(now_s, data):
             if vehicle.hear(now_s, message):
                 self._dispatch(now_s, message)
@@ -139,9 +149,10 @@ class AutopilotSession:
             refusal = self._request.complaint if self._request is not None else ""
             missing = sorted(self._streams.missing - _MAY_BE_ABSENT)
             notes = tuple(f"autopilot does not send {layout(kind).name}" for kind in missing)
-            if self._withheld:
-                notes = (*notes, self._withheld)
-            self._report = self._vehicle.report(self._now_s, refusal, notes)
+            if self._vehicle.is_contested(self._now_s):
+                notes = (*notes, "another autopilot speaks under our system id: every vehicle needs its own")
+            notes += tuple(note for note in (self._warning, self._withheld) if note)
+            self._report = self._vehicle.report(self._now_s, refusal, notes, self._stood_still_s)
         return self._report
 
     # -- what is asked --------------------------------------------------------------------------------------
@@ -182,7 +193,8 @@ class AutopilotSession:
     def arm(self) -> None:
         """Prepare, wait until ready, take the mode, start the motors. Keep asking: it lapses after 2 s."""
         preparation = None if self.prepared else self._new_prepare()
-        self._ask(Arm(self._now_s, self._vehicle, preparation, self._config.ready_timeout_s))
+        precautions = Precautions(self._config.parameters.keys())
+        self._ask(Arm(self._now_s, self._vehicle, preparation, precautions, self._config.ready_timeout_s))
 
     def takeoff(self, above_home_m: float) -> None:
         """Climb to this height over the origin of the swarm's frame. Keep asking: it lapses after 2 s."""
@@ -217,6 +229,11 @@ class AutopilotSession:
         """In this tick, fly with this velocity. Raises ValueError if a number is not finite."""
         _check_finite("velocity", velocity_ned_mps, yaw_rad)
         self._target = VelocityRequest(velocity_ned_mps, yaw_rad)
+
+    def believe_crashed(self, how: str) -> None:
+        """The agent found out what the vehicle's own messages do not tell; it stands until the next arming."""
+        self._vehicle.believe_crashed(how)
+        self._report = None
 
     def _new_prepare(self) -> Prepare:
         return Prepare(self._now_s, self._vehicle, self._config.parameters, self._config.ready_timeout_s)
@@ -264,6 +281,7 @@ class AutopilotSession:
         if setpoint is not None:
             messages.append(setpoint)
         self._target = None
+        self._stood_still_s = 0.0
         self._vehicle.clear_news()
         self._report = None
         return b"".join(map(self._codec.encode, messages))
@@ -274,6 +292,8 @@ class AutopilotSession:
             return
         self._newest = (request, now_s)
         self._results.append(request.result)
+        if isinstance(request, Arm):
+            self._warning = request.precautions.warning
         preparation = request.prepare if isinstance(request, Arm) else request
         if isinstance(preparation, Prepare) and preparation.result is not None:
             done = preparation.result.outcome is RequestOutcome.SUCCEEDED

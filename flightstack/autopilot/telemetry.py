@@ -1,6 +1,6 @@
 """The agent's own vehicle: what every client reads of one, and what only the agent needs of it.
 
-Only messages of one component count: the one of our own system id whose heartbeat names an autopilot.
+Only messages of one component count: the autopilot of our own system id (`vehicle_state.role_of`).
 """
 
 from __future__ import annotations
@@ -14,9 +14,16 @@ from flightstack.autopilot.authority import Authority
 from flightstack.autopilot.report import TakenBy, VehicleReport
 from flightstack.mavlink import vehicle_state
 from flightstack.mavlink.codec import MavlinkMessage
-from flightstack.mavlink.modes import COPTER_TYPES, FLAVOURS, Duty, Flavour
+from flightstack.mavlink.modes import COPTER_TYPES, FLAVOURS, Duty, Flavour, mode_of
 from flightstack.mavlink.statustext import StatusText
-from flightstack.mavlink.vehicle_state import Role, VehicleState, role_of
+from flightstack.mavlink.vehicle_state import (
+    AUTOPILOT_COMPONENT,
+    HEARTBEAT_LOST_S,
+    Role,
+    VehicleState,
+    role_of,
+    why_not_flown,
+)
 from mission.geometry.frames import LocalFrame, Vector3, wind_from
 
 PREARM_ROUND_S = 5.0
@@ -40,15 +47,15 @@ class Telemetry(VehicleState):
         """`flavour`: as configured; an autopilot of another one is none that we can fly. UNKNOWN: any."""
         self._configured_flavour = flavour
         self._chosen = False
-        super().__init__(system, mavlink.MAV_COMP_ID_AUTOPILOT1, frame)
+        super().__init__(system, AUTOPILOT_COMPONENT, frame)
         self._handlers |= {
             mavlink.MAVLINK_MSG_ID_WIND: self._wind_from,
             mavlink.MAVLINK_MSG_ID_WIND_COV: self._wind_vector,
             mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: self._named_value,
         }
         self.authority = Authority()
-        self.foreign_system: int | None = None
-        """The system id of an autopilot on this link that is not ours."""
+        self._unfit: tuple[str, float] | None = None
+        """Why what spoke in our autopilot's place is not taken for it, and when it did."""
         self.new_values: list[tuple[str, float]] = []
         self.new_wind: tuple[Vector3, float | None] | None = None
         """The newest wind estimate (NED, m/s) and its standard deviation since `clear_news`."""
@@ -72,20 +79,30 @@ class Telemetry(VehicleState):
         return True
 
     def _choose(self, now_s: float, message: MavlinkMessage) -> bool:
-        """Is this the heartbeat of our autopilot? The first one heard stays it until it is lost."""
-        if role_of(message.fields) is not Role.AUTOPILOT:
+        """Is this the heartbeat of our autopilot?"""
+        if message.component != self.component:
             return False
+        role = role_of(message.system, message.component, message.fields)
         if message.system != self.system:
-            self.foreign_system = message.system
+            if role is Role.AUTOPILOT:
+                text = (
+                    f"the autopilot on this link has system id {message.system}, this drone is {self.system}"
+                )
+                mend = f"set its SYSID_THISMAV (PX4: MAV_SYS_ID) to {self.system}"
+                self._unfit = (f"{text}: {mend}", now_s)
             return False
-        if self._chosen and message.component != self.component and self.is_connected(now_s):
+        if role is not Role.AUTOPILOT:
+            if role is Role.OTHER:
+                self._unfit = (why_not_flown(message.fields), now_s)
             return False
-        self._chosen, self.component = True, message.component
+        if not self.takes(now_s, message.fields):
+            return False
+        self._chosen = True
         return True
 
     def _heartbeat(self, now_s: float, fields: Any) -> None:
         super()._heartbeat(now_s, fields)
-        if self._configured_flavour not in (Flavour.UNKNOWN, self.flavour):
+        if self._configured_flavour not in (Flavour.UNKNOWN, self.flavour) or not self._is_copter:
             self.flavour = Flavour.UNKNOWN
         if not self.armed:
             self.has_flown = False
@@ -140,22 +157,23 @@ class Telemetry(VehicleState):
         """Where nothing tells, an armed vehicle stands on the ground: that is where it is armed."""
         return bool(self.flies(now_s))
 
+    @property
+    def _is_copter(self) -> bool:
+        """Whether we know how to fly it: what has wings is heard, and asked for nothing."""
+        return self.vehicle_type in COPTER_TYPES
+
     def unready_reason(self, now_s: float) -> str:
         """What stands against arming, "" if nothing that is known does."""
         if not self.is_connected(now_s):
-            if self.foreign_system is not None:
-                return (
-                    f"the autopilot on this link has system id {self.foreign_system}, this drone is "
-                    f"{self.system}: set its SYSID_THISMAV (PX4: MAV_SYS_ID) to {self.system}"
-                )
+            # Once ours was heard, others that pass by explain nothing.
+            if self._unfit is not None and not self._chosen and now_s - self._unfit[1] < HEARTBEAT_LOST_S:
+                return self._unfit[0]
             return "no heartbeat of the autopilot: check the cable, the baud rate and autopilot.link"
-        if self.flavour is Flavour.UNKNOWN:
-            told = FLAVOURS.get(self.autopilot_type)
-            if told is not None:
-                return f"autopilot.flavour says {self._configured_flavour}, the autopilot itself {told}"
-            return f"autopilot type {self.autopilot_type} is neither ArduPilot nor PX4"
-        if self.vehicle_type not in COPTER_TYPES:
+        if not self._is_copter:
             return f"vehicle type {self.vehicle_type} (MAV_TYPE) is not a multicopter or helicopter"
+        if self.flavour is Flavour.UNKNOWN:
+            told = FLAVOURS[self.autopilot_type]
+            return f"autopilot.flavour says {self._configured_flavour}, the autopilot itself {told}"
         return self._estimates_missing() or self._prearm_missing()
 
     def _estimates_missing(self) -> str:
@@ -172,16 +190,21 @@ class Telemetry(VehicleState):
     def _prearm_missing(self) -> str:
         if mavlink.MAVLINK_MSG_ID_SYS_STATUS not in self.received_s:
             return "no system status yet (SYS_STATUS)"
-        # PX4's verdict is about the mode that it happens to be in (a manual one fails without a remote control):
-        # there the attempt to arm tells.
-        if self.prearm is False and self.flavour is Flavour.ARDUPILOT:
+        # PX4's verdict is about the mode that it happens to be in (a manual one fails without a remote control): its
+        # report of all modes tells about ours, and where it has sent none the attempt to arm does.
+        if self.flavour is Flavour.PX4:
+            return "; ".join(self.events.why_not_arm(mode_of(Flavour.PX4, Duty.CONTROL), streaming=False))
+        if self.prearm is False:
             return "; ".join(self.prearm_texts) or "the autopilot's pre-arm checks fail"
         return ""
 
     @property
     def is_ours(self) -> bool:
-        """The vehicle is in the mode in which it follows our setpoints, and nobody took it from us."""
-        return self.authority.taken_by is TakenBy.NOBODY and self.in_mode(Duty.CONTROL)
+        """The vehicle is in the mode in which it follows our setpoints, or comes back to it by itself as soon as it
+        gets them again, and nobody took it from us."""
+        if self.authority.taken_by is not TakenBy.NOBODY:
+            return False
+        return self.in_mode(Duty.CONTROL) or self.authority.resuming
 
     def clear_news(self) -> None:
         """The reports so far have told what was new."""
@@ -189,7 +212,9 @@ class Telemetry(VehicleState):
         self.new_values.clear()
         self.new_wind = None
 
-    def report(self, now_s: float, refusal: str, notes: tuple[str, ...]) -> VehicleReport:
+    def report(
+        self, now_s: float, refusal: str, notes: tuple[str, ...], stood_still_s: float
+    ) -> VehicleReport:
         """The snapshot for `now_s`; `refusal` is why the autopilot last refused to arm, if it did."""
         authority = self.authority
         reason = self.unready_reason(now_s)
@@ -219,9 +244,11 @@ class Telemetry(VehicleState):
             battery_voltage_v=self.battery_voltage_v,
             wind_ned_mps=wind_ned_mps,
             wind_sd_mps=wind_sd_mps,
+            crash=self.crash,
             failsafe=authority.failsafe,
             failsafe_reason=authority.failsafe_reason if authority.failsafe else "",
             named_values=tuple(self.new_values),
             new_texts=tuple(self.new_texts),
+            stood_still_s=stood_still_s,
             notes=notes,
         )

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import msgspec
 
-from flightstack.flight.transitions import STEERING, TRANSITIONS, FlightEvent, following
+from flightstack.flight.transitions import IN_THE_AIR, STEERING, TRANSITIONS, FlightEvent, following
 from flightstack.swarm.news import Note
 from flightstack.swarm.wire import TAKING_PART, Command, CommandName, CommandOutcome, Phase, Result, Severity
 from mission.strategies.contract import Order, Stage
@@ -20,10 +20,16 @@ from mission.strategies.contract import Order, Stage
 DOWN_S = 3.0
 """How long a vehicle in formation may seem disarmed before it counts as down: heartbeats come once a second."""
 
+NAMED_WITHIN_S = 2.0
+"""How long after a change of mode the autopilot's text is waited for that says which failsafe it was."""
+
 TAKES_CONTROL = frozenset(
     {FlightEvent.START, FlightEvent.ARMED, FlightEvent.AT_ALTITUDE, FlightEvent.RESUME, FlightEvent.ABORT}
 )
 """The events after which our mode is asked for: until it has come, it is not lost."""
+
+DOWNWARDS = frozenset({CommandName.ABORT, CommandName.RTL, CommandName.LAND})
+"""The commands that bring a drone to the ground."""
 
 WHY = {
     CommandName.START: "survey started",
@@ -45,6 +51,10 @@ class Ask(enum.Enum):
     DISARM = "disarm"
 
 
+DESCENTS = {Phase.LANDING: Ask.LAND, Phase.RTL: Ask.RETURN, Phase.CRASHED: Ask.LAND}
+"""How the autopilot is asked to bring the drone down; the motors of a wreck stop when it takes itself for landed."""
+
+
 class VehicleFacts(msgspec.Struct, frozen=True):
     """What the phase needs to know of the vehicle, from the autopilot's own reports."""
 
@@ -59,6 +69,10 @@ class VehicleFacts(msgspec.Struct, frozen=True):
     taken_reason: str
     """How authority was lost, as the session saw it; empty while it was not."""
     at_takeoff_altitude: bool
+    failsafe: bool = False
+    """Authority was lost to a failsafe of the autopilot, not to a person."""
+    crash: str = ""
+    """How and where it crashed since it was armed; empty if it did not."""
 
 
 class SwarmFacts(msgspec.Struct, frozen=True):
@@ -77,6 +91,8 @@ class SwarmFacts(msgspec.Struct, frozen=True):
     """The others fly a survey that does not count this drone in."""
     must_return: str
     """Why this drone cannot go on (battery, sensor, ground station lost), empty if it can."""
+    has_twin: bool = False
+    """Another agent says, now, that it is this drone."""
 
 
 class PhaseStep(msgspec.Struct, frozen=True):
@@ -103,15 +119,23 @@ class FlightPhase:
         self._notes: list[Note] = []
         self._outcomes: list[CommandOutcome] = []
         self._started: str | None = None
+        self._storage = ""
         self._prompt: Ask | None = None
-        self._descent = Ask.LAND
-        """How the autopilot is asked to bring the drone down in phase LANDING."""
+        self._taken_s: float | None = None
+        """When the mode was taken, while it has not been told by whom."""
 
     def step(
-        self, now_s: float, commands: Sequence[Command], vehicle: VehicleFacts, swarm: SwarmFacts
+        self,
+        now_s: float,
+        commands: Sequence[Command],
+        vehicle: VehicleFacts,
+        swarm: SwarmFacts,
+        *,
+        storage: str = "",
     ) -> PhaseStep:
-        """One tick. An `IllegalTransitionError` leaves the phase as it was, and the commands answered: then `stay`
-        is the step that remains."""
+        """One tick. `storage`: why the flight is not recorded, if it is not. An `IllegalTransitionError` leaves the
+        phase as it was, and the commands answered: then `stay` is the step that remains."""
+        self._storage = storage
         self._notes, self._outcomes = [], []
         self._prompt = self._started = None
         for command in commands:
@@ -138,14 +162,16 @@ class FlightPhase:
         outcome = self._answered.get(command.identity)
         if outcome is None:
             before = self.phase
-            reason = self._refusal(command.name, vehicle, swarm)
-            if not reason:
+            obeyed = self._obeyed_already(command.name, vehicle)
+            reason = "" if obeyed else self._refusal(command, vehicle, swarm)
+            if not reason and not obeyed:
                 self._obey(now_s, command.name, vehicle)
             result = Result.REFUSED if reason else Result.ACCEPTED
+            reason = reason or obeyed
             outcome = CommandOutcome(command.identity, self._drone, result, reason)
             self._remember(outcome)
             self._note(
-                Severity.WARNING if reason else Severity.INFO,
+                Severity.WARNING if result is Result.REFUSED else Severity.INFO,
                 "command",
                 f"{command.name} from {command.sender}: {outcome.result}" + (f": {reason}" if reason else ""),
             )
@@ -153,12 +179,23 @@ class FlightPhase:
                 self._started = command.identity
         self._outcomes.append(outcome)
 
-    def _refusal(self, name: CommandName, vehicle: VehicleFacts, swarm: SwarmFacts) -> str:
+    def _obeyed_already(self, name: CommandName, vehicle: VehicleFacts) -> str:
+        """Why nothing is left to do for what brings a drone down; empty where it is not known to be down."""
+        if name not in DOWNWARDS or self.phase is Phase.ARMING or not vehicle.connected:
+            return ""
+        if vehicle.crash:
+            return "it has crashed"
+        return "" if vehicle.airborne or vehicle.armed else "it is on the ground"
+
+    def _refusal(self, command: Command, vehicle: VehicleFacts, swarm: SwarmFacts) -> str:
         """Why a command cannot be carried out, or nothing."""
+        name = command.name
         to = TRANSITIONS.get((self.phase, FlightEvent(name)))
         match name:
             case CommandName.START:
-                return self._why_not_start(to, vehicle, swarm)
+                reason = self._why_not_start(to, vehicle, swarm)
+                unrecorded = "" if command.without_recording or to is self.phase else self._storage
+                return reason or (unrecorded and f"{unrecorded}; mend it, or start with --without-recording")
             case CommandName.RESUME:
                 if to is self.phase:
                     return ""
@@ -168,7 +205,7 @@ class FlightPhase:
                     return f"nothing to resume: the drone is {self.phase}"
             case CommandName.ABORT | CommandName.RTL | CommandName.LAND:
                 if self.phase is not Phase.ARMING and not vehicle.airborne and not vehicle.armed:
-                    return f"{name}: the drone is not flying"
+                    return "the autopilot does not answer: check its link and power"
         return f"the drone is {self.phase}" if to is None else ""
 
     def _why_not_start(self, to: Phase | None, vehicle: VehicleFacts, swarm: SwarmFacts) -> str:
@@ -180,18 +217,22 @@ class FlightPhase:
             return f"already {self.phase}"
         if vehicle.armed:
             return f"the vehicle is armed in {vehicle.mode}: disarm it first"
+        if vehicle.crash:
+            return f"it has crashed ({vehicle.crash}): look at it, then restart its autopilot"
+        if swarm.has_twin:
+            return f"another agent says that it is drone {self._drone} too: stop one of them"
         if swarm.shut_out:
             return "the others fly a survey that has counted this drone out: it can take part in the next"
         return swarm.must_return
 
     def _obey(self, now_s: float, name: CommandName, vehicle: VehicleFacts) -> None:
         why = WHY.get(name, f"{name} by command")
-        if name in (CommandName.ABORT, CommandName.RTL, CommandName.LAND):
+        if name in DOWNWARDS:
             if self.phase is Phase.ARMING:
                 self._prompt = Ask.DISARM if vehicle.armed else None
                 why = f"start cancelled: {name} by command"
             elif name is not CommandName.ABORT:
-                self._prompt = self._descent = Ask.RETURN if name is CommandName.RTL else Ask.LAND
+                self._prompt = Ask.RETURN if name is CommandName.RTL else Ask.LAND
         self._happen(now_s, FlightEvent(name), why)
 
     def _remember(self, outcome: CommandOutcome) -> None:
@@ -202,9 +243,12 @@ class FlightPhase:
     # -- events -----------------------------------------------------------------------------------------------
 
     def _advance(self, now_s: float, vehicle: VehicleFacts, swarm: SwarmFacts) -> None:
-        if self._lost_control(now_s, vehicle):
-            why = f"mode {vehicle.mode} was taken by the pilot or a failsafe"
-            self._happen(now_s, FlightEvent.CONTROL_LOST, why, Severity.WARNING, "pilot")
+        if vehicle.crash and self.phase in IN_THE_AIR | {Phase.LANDED}:
+            self._happen(now_s, FlightEvent.CRASHED, vehicle.crash, Severity.CRITICAL, "crash")
+        elif self._lost_control(now_s, vehicle):
+            self._happen(now_s, FlightEvent.CONTROL_LOST, None)
+            self._taken_s = now_s
+        self._tell_who_took_it(now_s, vehicle)
         match self.phase:
             case Phase.ARMING:
                 self._arming(now_s, vehicle)
@@ -212,12 +256,31 @@ class FlightPhase:
                 self._taking_off(now_s, vehicle)
             case Phase.RETURNING:
                 self._returning(now_s, vehicle, swarm)
-            case Phase.LANDING | Phase.PILOT:
+            case Phase.LANDING | Phase.RTL | Phase.PILOT:
                 if not vehicle.armed and not vehicle.airborne:
-                    self._happen(now_s, FlightEvent.DOWN, "landed")
+                    self._happen(now_s, FlightEvent.DOWN, "on the ground, disarmed")
+            case Phase.CRASHED:
+                if vehicle.armed and not vehicle.crash:
+                    self._happen(now_s, FlightEvent.CONTROL_LOST, "somebody has armed it again")
         if self.phase in TAKING_PART - {Phase.ARMING, Phase.TAKEOFF}:
             self._follow_the_swarm(now_s, swarm)
             self._notice_the_ground(now_s, vehicle)
+
+    def _tell_who_took_it(self, now_s: float, vehicle: VehicleFacts) -> None:
+        """Once, as soon as it is known: an autopilot's text that names the failsafe may follow the change of mode."""
+        if self._taken_s is None:
+            return
+        if self.phase is not Phase.PILOT:
+            self._taken_s = None
+        elif vehicle.failsafe or now_s - self._taken_s > NAMED_WITHIN_S:
+            self._taken_s = None
+            who = (
+                "failsafe of the autopilot" if vehicle.failsafe else "by the pilot or another ground station"
+            )
+            how = vehicle.taken_reason or f"our mode did not come, it stays in {vehicle.mode}"
+            self._note(
+                Severity.WARNING, "failsafe" if vehicle.failsafe else "pilot", f"{self.phase}: {who}: {how}"
+            )
 
     def _arming(self, now_s: float, vehicle: VehicleFacts) -> None:
         if vehicle.armed and vehicle.ours:
@@ -235,7 +298,7 @@ class FlightPhase:
 
     def _returning(self, now_s: float, vehicle: VehicleFacts, swarm: SwarmFacts) -> None:
         if not vehicle.armed and not vehicle.airborne:
-            self._happen(now_s, FlightEvent.DOWN, "landed")
+            self._happen(now_s, FlightEvent.DOWN, "on the ground, disarmed")
         elif swarm.over_home:
             self._happen(now_s, FlightEvent.OVER_HOME, "over home")
         elif swarm.stuck:
@@ -288,8 +351,10 @@ class FlightPhase:
             return (Ask.ARM,)
         if self.phase is Phase.TAKEOFF:
             return (Ask.TAKE_OFF,)
-        if self.phase is Phase.LANDING and vehicle.ours:
-            return (self._descent,)  # until the mode has changed once: a pilot's later choice is left alone
+        if self.phase in DESCENTS and vehicle.armed and vehicle.ours:
+            return (
+                DESCENTS[self.phase],
+            )  # until the mode has changed once: a pilot's later choice is left alone
         if self.phase in STEERING and not vehicle.ours:
             return (Ask.TAKE_CONTROL,)
         return ()
@@ -298,19 +363,21 @@ class FlightPhase:
         self,
         now_s: float,
         event: FlightEvent,
-        why: str,
+        why: str | None,
         severity: Severity = Severity.INFO,
         code: str = "phase",
     ) -> None:
-        """Go where `event` leads. Raises `IllegalTransitionError`, and changes nothing, where it cannot be."""
+        """Go where `event` leads; `why` None: that is told later.
+
+        Raises `IllegalTransitionError`, and changes nothing, where it cannot be.
+        """
         before, self.phase = self.phase, following(self.phase, event)
         if self.phase is before:
             return
         if event in TAKES_CONTROL:
             self._control_since_s = now_s
-        if self.phase is Phase.LANDING and self._prompt is None:
-            self._descent = Ask.LAND
-        self._note(severity, code, f"{self.phase}: {why}")
+        if why is not None:
+            self._note(severity, code, f"{self.phase}: {why}")
 
     def _note(self, severity: Severity, code: str, text: str) -> None:
         self._notes.append(Note(severity, code, text))

@@ -14,6 +14,9 @@ from flightstack.swarm.wire import Phase
 STEERING = frozenset({Phase.FORMING, Phase.SEARCHING, Phase.TRACKING, Phase.HOLDING, Phase.RETURNING})
 """The phases in which we send a setpoint every tick, even to hold."""
 
+IN_THE_AIR = STEERING | {Phase.TAKEOFF, Phase.LANDING, Phase.RTL, Phase.PILOT}
+"""The phases between a take-off and a landing: a vehicle can crash in them."""
+
 IN_FORMATION = frozenset({Phase.SEARCHING, Phase.TRACKING})
 """The phases in which the strategy decides."""
 
@@ -37,6 +40,7 @@ class FlightEvent(enum.StrEnum):
     """The pilot or a failsafe of the autopilot took the mode, or never gave it to us."""
     DOWN = "down"
     """On the ground with the motors off."""
+    CRASHED = "crashed"
     SEARCH = "search"
     """In its slot, and the swarm searches."""
     TRACK = "track"
@@ -56,7 +60,7 @@ TRANSITIONS: dict[tuple[Phase, FlightEvent], Phase] = {
     (Phase.DISARMED, FlightEvent.START): Phase.ARMING,
     # An agent that was restarted in the air obeys what brings its drone down, and one that a pilot flies again too.
     (Phase.DISARMED, FlightEvent.ABORT): Phase.RETURNING,
-    (Phase.DISARMED, FlightEvent.RTL): Phase.LANDING,
+    (Phase.DISARMED, FlightEvent.RTL): Phase.RTL,
     (Phase.DISARMED, FlightEvent.LAND): Phase.LANDING,
     # It takes part already: whoever starts or resumes again means those that do not.
     (Phase.ARMING, FlightEvent.START): Phase.ARMING,
@@ -69,7 +73,7 @@ TRANSITIONS: dict[tuple[Phase, FlightEvent], Phase] = {
     (Phase.TAKEOFF, FlightEvent.START): Phase.TAKEOFF,
     (Phase.TAKEOFF, FlightEvent.RESUME): Phase.TAKEOFF,
     (Phase.TAKEOFF, FlightEvent.ABORT): Phase.RETURNING,
-    (Phase.TAKEOFF, FlightEvent.RTL): Phase.LANDING,
+    (Phase.TAKEOFF, FlightEvent.RTL): Phase.RTL,
     (Phase.TAKEOFF, FlightEvent.LAND): Phase.LANDING,
     (Phase.TAKEOFF, FlightEvent.AT_ALTITUDE): Phase.FORMING,
     (Phase.TAKEOFF, FlightEvent.TAKEOFF_FAILED): Phase.LANDING,
@@ -79,7 +83,7 @@ TRANSITIONS: dict[tuple[Phase, FlightEvent], Phase] = {
     (Phase.FORMING, FlightEvent.PAUSE): Phase.HOLDING,
     (Phase.FORMING, FlightEvent.RESUME): Phase.FORMING,
     (Phase.FORMING, FlightEvent.ABORT): Phase.RETURNING,
-    (Phase.FORMING, FlightEvent.RTL): Phase.LANDING,
+    (Phase.FORMING, FlightEvent.RTL): Phase.RTL,
     (Phase.FORMING, FlightEvent.LAND): Phase.LANDING,
     (Phase.FORMING, FlightEvent.CONTROL_LOST): Phase.PILOT,
     (Phase.FORMING, FlightEvent.DOWN): Phase.LANDED,
@@ -90,7 +94,7 @@ TRANSITIONS: dict[tuple[Phase, FlightEvent], Phase] = {
     (Phase.SEARCHING, FlightEvent.PAUSE): Phase.HOLDING,
     (Phase.SEARCHING, FlightEvent.RESUME): Phase.SEARCHING,
     (Phase.SEARCHING, FlightEvent.ABORT): Phase.RETURNING,
-    (Phase.SEARCHING, FlightEvent.RTL): Phase.LANDING,
+    (Phase.SEARCHING, FlightEvent.RTL): Phase.RTL,
     (Phase.SEARCHING, FlightEvent.LAND): Phase.LANDING,
     (Phase.SEARCHING, FlightEvent.CONTROL_LOST): Phase.PILOT,
     (Phase.SEARCHING, FlightEvent.DOWN): Phase.LANDED,
@@ -100,7 +104,7 @@ TRANSITIONS: dict[tuple[Phase, FlightEvent], Phase] = {
     (Phase.TRACKING, FlightEvent.PAUSE): Phase.HOLDING,
     (Phase.TRACKING, FlightEvent.RESUME): Phase.TRACKING,
     (Phase.TRACKING, FlightEvent.ABORT): Phase.RETURNING,
-    (Phase.TRACKING, FlightEvent.RTL): Phase.LANDING,
+    (Phase.TRACKING, FlightEvent.RTL): Phase.RTL,
     (Phase.TRACKING, FlightEvent.LAND): Phase.LANDING,
     (Phase.TRACKING, FlightEvent.CONTROL_LOST): Phase.PILOT,
     (Phase.TRACKING, FlightEvent.DOWN): Phase.LANDED,
@@ -109,29 +113,40 @@ TRANSITIONS: dict[tuple[Phase, FlightEvent], Phase] = {
     (Phase.HOLDING, FlightEvent.PAUSE): Phase.HOLDING,
     (Phase.HOLDING, FlightEvent.RESUME): Phase.FORMING,
     (Phase.HOLDING, FlightEvent.ABORT): Phase.RETURNING,
-    (Phase.HOLDING, FlightEvent.RTL): Phase.LANDING,
+    (Phase.HOLDING, FlightEvent.RTL): Phase.RTL,
     (Phase.HOLDING, FlightEvent.LAND): Phase.LANDING,
     (Phase.HOLDING, FlightEvent.CONTROL_LOST): Phase.PILOT,
     (Phase.HOLDING, FlightEvent.DOWN): Phase.LANDED,
     (Phase.HOLDING, FlightEvent.GO_HOME): Phase.RETURNING,
     (Phase.RETURNING, FlightEvent.ABORT): Phase.RETURNING,
-    (Phase.RETURNING, FlightEvent.RTL): Phase.LANDING,
+    (Phase.RETURNING, FlightEvent.RTL): Phase.RTL,
     (Phase.RETURNING, FlightEvent.LAND): Phase.LANDING,
     (Phase.RETURNING, FlightEvent.CONTROL_LOST): Phase.PILOT,
     (Phase.RETURNING, FlightEvent.DOWN): Phase.LANDED,
     (Phase.RETURNING, FlightEvent.OVER_HOME): Phase.LANDING,
     (Phase.RETURNING, FlightEvent.BLOCKED): Phase.LANDING,
     (Phase.LANDING, FlightEvent.ABORT): Phase.LANDING,
-    (Phase.LANDING, FlightEvent.RTL): Phase.LANDING,
+    (Phase.LANDING, FlightEvent.RTL): Phase.RTL,
     (Phase.LANDING, FlightEvent.LAND): Phase.LANDING,
     (Phase.LANDING, FlightEvent.DOWN): Phase.LANDED,
+    (Phase.RTL, FlightEvent.ABORT): Phase.RTL,
+    (Phase.RTL, FlightEvent.RTL): Phase.RTL,
+    (Phase.RTL, FlightEvent.LAND): Phase.LANDING,
+    (Phase.RTL, FlightEvent.DOWN): Phase.LANDED,
     (Phase.PILOT, FlightEvent.RESUME): Phase.FORMING,
     (Phase.PILOT, FlightEvent.ABORT): Phase.RETURNING,
-    (Phase.PILOT, FlightEvent.RTL): Phase.LANDING,
+    (Phase.PILOT, FlightEvent.RTL): Phase.RTL,
     (Phase.PILOT, FlightEvent.LAND): Phase.LANDING,
     (Phase.PILOT, FlightEvent.DOWN): Phase.LANDED,
+    # A wreck stays one until its autopilot was restarted, or somebody has armed it.
+    **dict.fromkeys(((phase, FlightEvent.CRASHED) for phase in IN_THE_AIR | {Phase.LANDED}), Phase.CRASHED),
+    (Phase.CRASHED, FlightEvent.START): Phase.ARMING,
+    (Phase.CRASHED, FlightEvent.ABORT): Phase.CRASHED,
+    (Phase.CRASHED, FlightEvent.RTL): Phase.CRASHED,
+    (Phase.CRASHED, FlightEvent.LAND): Phase.CRASHED,
+    (Phase.CRASHED, FlightEvent.CONTROL_LOST): Phase.PILOT,
     (Phase.LANDED, FlightEvent.START): Phase.ARMING,
-    (Phase.LANDED, FlightEvent.RTL): Phase.LANDING,
+    (Phase.LANDED, FlightEvent.RTL): Phase.RTL,
     (Phase.LANDED, FlightEvent.LAND): Phase.LANDING,
 }
 

@@ -21,10 +21,11 @@ def result_name(result: int) -> str:
     return _RESULT_NAMES.get(result, f"result {result}")
 
 
-def heartbeat(kind: int) -> Any:
-    """HEARTBEAT of what is no vehicle; `kind` is its MAV_TYPE."""
+def heartbeat(kind: int, mark: int = 0) -> Any:
+    """HEARTBEAT of what is no vehicle; `kind` is its MAV_TYPE. `mark` goes where a vehicle has its mode: by it the
+    sender tells its own echo from another's heartbeat."""
     return mavlink.MAVLink_heartbeat_message(
-        kind, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
+        kind, mavlink.MAV_AUTOPILOT_INVALID, 0, mark, mavlink.MAV_STATE_ACTIVE, 3
     )
 
 

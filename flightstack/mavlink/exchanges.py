@@ -8,17 +8,19 @@ from __future__ import annotations
 
 import enum
 import math
-import struct
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.mavlink.commands import command_long, result_name
 from flightstack.mavlink.modes import Flavour
+from flightstack.mavlink.parameter_values import decode, encode, is_same, number_text, value_problem
 from flightstack.mavlink.vehicle_state import VehicleState
 
 REPEAT_S = 0.5
 REPEATS = 4
+_SETS = 3
+"""How often a parameter is set that answers with another value each time."""
 IN_PROGRESS_S = 10.0
 """How long to wait on after an answer that says that the autopilot is at it."""
 
@@ -26,16 +28,6 @@ _PARAM_ERRORS = {
     value: entry.name.removeprefix("MAV_PARAM_ERROR_").lower().replace("_", " ")
     for value, entry in mavlink.enums["MAV_PARAM_ERROR"].items()
 }
-_INTEGER_FORMATS = {
-    mavlink.MAV_PARAM_TYPE_UINT8: "<Bxxx",
-    mavlink.MAV_PARAM_TYPE_INT8: "<bxxx",
-    mavlink.MAV_PARAM_TYPE_UINT16: "<Hxx",
-    mavlink.MAV_PARAM_TYPE_INT16: "<hxx",
-    mavlink.MAV_PARAM_TYPE_UINT32: "<I",
-    mavlink.MAV_PARAM_TYPE_INT32: "<i",
-}
-SINGLE_PRECISION = 1e-6
-"""Relative rounding of a 4-byte float on the wire, and of what autopilots make of it."""
 
 
 class Answer(enum.Enum):
@@ -82,16 +74,75 @@ class CommandExchange:
             self.reason = f"command {command} {result_name(result)}"
 
 
+class ParameterQuery:
+    """Reads one parameter."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.answer = Answer.PENDING
+        self.reason = ""
+        self.kind: int | None = None
+        """MAV_PARAM_TYPE, as the vehicle declares it."""
+        self.found = math.nan
+        self._sent = 0
+        self._next_s = -math.inf
+
+    def step(self, now_s: float, vehicle: VehicleState) -> list[Any]:
+        if self.answer is not Answer.PENDING or now_s < self._next_s:
+            return []
+        if self._sent > REPEATS:
+            self.answer = Answer.SILENCE
+            self.reason = f"{self.name} does not answer: does this autopilot have it?"
+            return []
+        self._sent += 1
+        self._next_s = now_s + REPEAT_S
+        return [_request(vehicle, self.name)]
+
+    def value(self, flavour: Flavour, fields: Any) -> None:
+        """A PARAM_VALUE with these fields has come."""
+        if fields.param_id == self.name and self.answer is Answer.PENDING:
+            self.kind = fields.param_type
+            self.found = decode(flavour, fields.param_type, fields.param_value)
+            self.answer = Answer.ACCEPTED
+
+    def error(self, fields: Any) -> None:
+        """A PARAM_ERROR with these fields has come."""
+        if fields.param_id == self.name and self.answer is Answer.PENDING:
+            self.answer, self.reason = Answer.REFUSED, f"{self.name}: {_error(fields)}"
+
+
+class _Step(enum.Enum):
+    """What a `ParameterExchange` waits for."""
+
+    READ = "read"
+    """Which type it has, and whether it has the value already."""
+    SET = "set"
+    CONFIRM = "confirm"
+    """The answer told another value: ArduPilot may tell a default in the value's place."""
+
+
 class ParameterExchange:
-    """Sets one parameter and reads it back; one that has its value already is not written again."""
+    """Sets one parameter and reads it back; one that has its value already is not written again.
+
+    A value that the vehicle's own type does not take is never sent. Which type an answer to PARAM_SET has does not
+    matter: ArduPilot tells integers of a group that are set to their default as REAL32.
+    """
 
     def __init__(self, name: str, value: float) -> None:
         self.name = name
         self.answer = Answer.PENDING
         self.reason = ""
+        self.is_impossible = False
+        """Refused by ourselves, before anything was sent."""
+        self.written = False
+        """Whether it had to be set."""
+        self.kind: int | None = None
+        """MAV_PARAM_TYPE, as the vehicle declares it."""
+        self.found: float | None = None
+        """What the vehicle told last."""
         self._value = value
-        self._type: int | None = None
-        self._found: float | None = None
+        self._step = _Step.READ
+        self._sets = 0
         self._sent = 0
         self._next_s = -math.inf
 
@@ -103,64 +154,63 @@ class ParameterExchange:
             return []
         self._sent += 1
         self._next_s = now_s + REPEAT_S
+        if self._step is not _Step.SET or self.kind is None:
+            return [_request(vehicle, self.name)]
+        self._sets += 1
+        self.written = True
+        value = encode(vehicle.flavour, self.kind, self._value)
         name = self.name.encode("ascii", "replace")
-        if self._type is None:
-            return [mavlink.MAVLink_param_request_read_message(vehicle.system, vehicle.component, name, -1)]
-        value = _encode(vehicle.flavour, self._type, self._value)
-        return [mavlink.MAVLink_param_set_message(vehicle.system, vehicle.component, name, value, self._type)]
+        return [mavlink.MAVLink_param_set_message(vehicle.system, vehicle.component, name, value, self.kind)]
 
     def value(self, flavour: Flavour, fields: Any) -> None:
         """A PARAM_VALUE with these fields has come."""
         if fields.param_id != self.name or self.answer is not Answer.PENDING:
             return
-        kind: int = fields.param_type
-        self._found = _decode(flavour, kind, fields.param_value)
-        if kind in _INTEGER_FORMATS and not _fits(kind, self._value):
-            self.answer, self.reason = (
-                Answer.REFUSED,
-                f"{self.name} is an integer and cannot be {self._value:g}",
-            )
-        elif math.isclose(self._found, self._value, rel_tol=SINGLE_PRECISION, abs_tol=1e-7):
+        self.found = decode(flavour, fields.param_type, fields.param_value)
+        if self.kind is None:
+            self.kind = int(fields.param_type)
+            problem = value_problem(flavour, self.kind, self._value)
+            if problem is not None:
+                self.is_impossible = True
+                self._refuse(f"{self.name} {problem}; it stays {number_text(self.found)}")
+                return
+        if is_same(self.kind, self.found, self._value):
             self.answer = Answer.ACCEPTED
-        elif self._type is None:
-            self._type = kind
-            self._sent, self._next_s = 0, -math.inf
+        elif self._step is not _Step.CONFIRM:
+            self._go_to(_Step.SET if self._step is _Step.READ else _Step.CONFIRM)
+        elif self._sets < _SETS:
+            self._go_to(_Step.SET)  # the answer may have been older than our setting, which may be lost
+        else:
+            self._give_up()
 
     def error(self, fields: Any) -> None:
         """A PARAM_ERROR with these fields has come."""
         if fields.param_id == self.name and self.answer is Answer.PENDING:
-            told = _PARAM_ERRORS.get(fields.error, f"error {fields.error}")
-            self.answer, self.reason = Answer.REFUSED, f"{self.name}: {told}"
+            stays = "" if self.found is None else f"; it stays {number_text(self.found)}"
+            self._refuse(f"{self.name}: {_error(fields)}{stays}")
+
+    def _go_to(self, step: _Step) -> None:
+        self._step, self._sent, self._next_s = step, 0, -math.inf
+
+    def _refuse(self, reason: str) -> None:
+        self.answer, self.reason = Answer.REFUSED, reason
 
     def _give_up(self) -> None:
-        if self._found is None:
+        if self.found is None:
             self.answer = Answer.SILENCE
             self.reason = f"{self.name} does not answer: does this autopilot have it?"
         else:
-            self.answer = Answer.REFUSED
-            self.reason = f"{self.name} stays {self._found:g}, it should be {self._value:g}"
+            found, wanted = number_text(self.found), number_text(self._value)
+            self._refuse(f"{self.name} is {found} now, it should be {wanted}")
 
 
-def _fits(kind: int, value: float) -> bool:
-    if value != math.floor(value):
-        return False
-    try:
-        struct.pack(_INTEGER_FORMATS[kind], int(value))
-    except struct.error:
-        return False
-    return True
+def _request(vehicle: VehicleState, name: str) -> Any:
+    by_name = -1
+    return mavlink.MAVLink_param_request_read_message(
+        vehicle.system, vehicle.component, name.encode("ascii", "replace"), by_name
+    )
 
 
-def _encode(flavour: Flavour, kind: int, value: float) -> float:
-    """PX4 sends the bytes of integers in the float's place, ArduPilot a float of the same value."""
-    if flavour is Flavour.PX4 and kind in _INTEGER_FORMATS:
-        (as_float,) = struct.unpack("<f", struct.pack(_INTEGER_FORMATS[kind], int(value)))
-        return float(as_float)
-    return value
-
-
-def _decode(flavour: Flavour, kind: int, value: float) -> float:
-    if flavour is Flavour.PX4 and kind in _INTEGER_FORMATS:
-        (number,) = struct.unpack(_INTEGER_FORMATS[kind], struct.pack("<f", value))
-        return float(number)
-    return value
+def _error(fields: Any) -> str:
+    text: str = _PARAM_ERRORS.get(fields.error, f"error {fields.error}")
+    return text

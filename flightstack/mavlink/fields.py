@@ -15,13 +15,15 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from flightstack.mavlink.dialect import MESSAGES
+
 
 class MessageLayout:
     """How one kind of message lies in its payload."""
 
     def __init__(self, kind: int) -> None:
         """KeyError if the dialect has no message of this id."""
-        definition = mavlink.mavlink_map[kind]
+        definition = MESSAGES[kind]
         names: list[str] = definition.ordered_fieldnames
         self.name: str = definition.msgname
         self._struct: struct.Struct = definition.unpacker
@@ -30,6 +32,9 @@ class MessageLayout:
         self._is_text = [bool(size) and count == 1 for size, count in zip(sizes, self._lengths, strict=True)]
         self.is_plain = not any(definition.array_lengths)
         """Whether it has numbers only."""
+        # A status text's parts are put together before anybody can read them: each byte is kept as a character.
+        is_part = kind == mavlink.MAVLINK_MSG_ID_STATUSTEXT
+        self._reading = ("latin-1", "strict") if is_part else ("ascii", "replace")
         self._numbers_of = operator.attrgetter(*names)
         made = collections.namedtuple(self.name.lower(), names)  # type: ignore[misc]  # the dialect's names
         # Of which kind it is, the way pymavlink's own messages tell it: who handles messages takes either.
@@ -59,7 +64,7 @@ class MessageLayout:
         at = 0
         for count, is_text in zip(self._lengths, self._is_text, strict=True):
             if is_text:
-                gathered.append(values[at].split(b"\0", 1)[0].decode("ascii", errors="replace"))
+                gathered.append(values[at].split(b"\0", 1)[0].decode(*self._reading))
             elif count == 1:
                 gathered.append(values[at])
             else:

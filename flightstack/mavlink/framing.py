@@ -12,6 +12,8 @@ from typing import Final, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from flightstack.mavlink.dialect import MESSAGES
+
 V1_MAGIC = 0xFE
 V2_MAGIC = 0xFD
 V1_HEADER_LENGTH = 6
@@ -21,7 +23,7 @@ SIGNATURE_LENGTH = 13
 SIGNED = 0x01
 """The only incompatibility flag there is; a frame with another one must not be interpreted."""
 
-_CHECKSUM_SEEDS = {kind: bytes((message.crc_extra,)) for kind, message in mavlink.mavlink_map.items()}
+_CHECKSUM_SEEDS = {kind: bytes((message.crc_extra,)) for kind, message in MESSAGES.items()}
 """The byte that stands for a message's definition in its checksum, by message id."""
 
 _MCRF4XX: Final[Callable[[bytes], int] | None] = getattr(mavlink, "mcrf4xx", None)

@@ -36,6 +36,25 @@ COPTER_TYPES = frozenset(
 )
 """HEARTBEAT.type of what can hover; ArduPilot numbers the modes of planes and rovers differently."""
 
+FLYING_TYPES = COPTER_TYPES | frozenset(
+    (
+        mavlink.MAV_TYPE_FIXED_WING,
+        mavlink.MAV_TYPE_AIRSHIP,
+        mavlink.MAV_TYPE_FLAPPING_WING,
+        mavlink.MAV_TYPE_VTOL_DUOROTOR,
+        mavlink.MAV_TYPE_VTOL_QUADROTOR,
+        mavlink.MAV_TYPE_VTOL_TILTROTOR,
+        mavlink.MAV_TYPE_VTOL_RESERVED2,
+        mavlink.MAV_TYPE_VTOL_RESERVED3,
+        mavlink.MAV_TYPE_VTOL_RESERVED4,
+        mavlink.MAV_TYPE_VTOL_RESERVED5,
+        mavlink.MAV_TYPE_PARAFOIL,
+        mavlink.MAV_TYPE_GENERIC_MULTIROTOR,
+        mavlink.MAV_TYPE_VTOL_GYRODYNE,
+    )
+)
+"""HEARTBEAT.type of every aircraft that an autopilot steers, in our sky whether or not we could fly it."""
+
 
 class Duty(enum.Enum):
     """What we want of a mode, whatever the autopilot calls it."""
@@ -83,6 +102,7 @@ _PX4_MODES = {
     (2, 0): "ALTITUDE",
     (3, 0): "POSITION",
     (3, 1): "ORBIT",
+    (3, 2): "POSITION_SLOW",
     (4, 1): "READY",
     (4, 2): "TAKEOFF",
     (4, 3): "HOLD",
@@ -97,6 +117,26 @@ _PX4_MODES = {
     (10, 0): "TERMINATION",
 }
 """By (main mode, sub mode)."""
+
+_PX4_BITS = {
+    (1, 0): 0,
+    (2, 0): 1,
+    (3, 0): 2,
+    (4, 4): 3,
+    (4, 3): 4,
+    (4, 5): 5,
+    (3, 2): 6,
+    (5, 0): 10,
+    (10, 0): 13,
+    (6, 0): 14,
+    (7, 0): 15,
+    (4, 2): 17,
+    (4, 6): 18,
+    (4, 8): 19,
+    (4, 9): 20,
+    (3, 1): 21,
+}
+"""PX4's own numbers of its modes (navigation states), by (main mode, sub mode)."""
 
 _DUTIES: dict[Flavour, dict[Duty, int]] = {
     Flavour.ARDUPILOT: {Duty.CONTROL: 4, Duty.HOLD: 17, Duty.RETURN: 6, Duty.LAND: 9},
@@ -124,6 +164,12 @@ def mode_name(flavour: Flavour, custom_mode: int) -> str:
     else:
         name = None
     return name or f"MODE_{custom_mode}"
+
+
+def px4_mode_bit(custom_mode: int) -> int:
+    """The bit that stands for a PX4 HEARTBEAT.custom_mode in its events; 0 for a mode that is not in the tables."""
+    number = _PX4_BITS.get((custom_mode >> 16 & 0xFF, custom_mode >> 24))
+    return 0 if number is None else 1 << number
 
 
 def set_mode_parameters(flavour: Flavour, custom_mode: int) -> tuple[float, float, float]:

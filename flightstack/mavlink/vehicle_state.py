@@ -14,7 +14,18 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.mavlink.codec import MavlinkMessage
-from flightstack.mavlink.modes import FLAVOURS, Duty, Flavour, mode_name, mode_of
+from flightstack.mavlink.crash import CrashWatch
+from flightstack.mavlink.dialect import EventMessage
+from flightstack.mavlink.modes import (
+    COPTER_TYPES,
+    FLAVOURS,
+    FLYING_TYPES,
+    Duty,
+    Flavour,
+    mode_name,
+    mode_of,
+)
+from flightstack.mavlink.px4_events import Px4Events
 from flightstack.mavlink.statustext import StatusText, TextAssembler
 from mission.geometry.frames import Geodetic, LocalFrame, Vector3
 
@@ -24,6 +35,8 @@ FRESH_S: Final = 3.0
 """A value whose stream has been silent for longer is not used to decide anything."""
 REBOOT_S: Final = 5.0
 """The autopilot's clock going back by more than this is a restart, by less a late message."""
+FALLS_FOR_S: Final = 20.0
+"""A vehicle that was disarmed in the air has come down by then."""
 FLYING_ABOVE_HOME_M: Final = 1.0
 """Without a landed state, an armed vehicle above this is taken to fly (until it disarms)."""
 
@@ -41,7 +54,11 @@ STATES: Final = frozenset(
     )
 )
 """The messages of which the newest is kept."""
-EVENTS: Final = frozenset((mavlink.MAVLINK_MSG_ID_STATUSTEXT, mavlink.MAVLINK_MSG_ID_COMMAND_ACK))
+AUTOPILOT_COMPONENT: Final = mavlink.MAV_COMP_ID_AUTOPILOT1
+
+EVENTS: Final = frozenset(
+    (mavlink.MAVLINK_MSG_ID_STATUSTEXT, mavlink.MAVLINK_MSG_ID_COMMAND_ACK, EventMessage.id)
+)
 """The messages of which every one counts."""
 
 _POS_HORIZ_ABS = mavlink.EKF_POS_HORIZ_ABS
@@ -51,7 +68,7 @@ assert mavlink.ESTIMATOR_CONST_POS_MODE == _CONST_POS_MODE  # noqa: S101
 
 
 class Role(enum.StrEnum):
-    """What a component is, as its own heartbeat says."""
+    """What a component is, by its ids and its own heartbeat."""
 
     UNKNOWN = "unknown"
     AUTOPILOT = "autopilot"
@@ -60,16 +77,30 @@ class Role(enum.StrEnum):
     OTHER = "other"
 
 
-def role_of(heartbeat: Any) -> Role:
-    """Who sent this heartbeat. A companion computer or a ground station shares links and even system ids with a
-    vehicle, and what it sends says nothing about the vehicle's mode."""
+def role_of(system: int, component: int, heartbeat: Any) -> Role:
+    """Who sent this heartbeat.
+
+    Receivers, gimbals, cameras, companions and ground stations share links and even system ids with a vehicle, some
+    claim an autopilot, and what they send says nothing about the vehicle. An autopilot is component 1, of a flavour
+    that we know, in something that flies (`docs/decisions/0012-who-is-an-autopilot.md`). System id 0 is everybody's,
+    and so nobody's.
+    """
     if heartbeat.type == mavlink.MAV_TYPE_GCS:
         return Role.GROUND
-    if heartbeat.autopilot != mavlink.MAV_AUTOPILOT_INVALID:
+    if component == AUTOPILOT_COMPONENT and system != 0 and not why_not_flown(heartbeat):
         return Role.AUTOPILOT
     if heartbeat.type == mavlink.MAV_TYPE_ONBOARD_CONTROLLER:
         return Role.COMPANION
     return Role.OTHER
+
+
+def why_not_flown(heartbeat: Any) -> str:
+    """Why whoever sends this is no autopilot of an aircraft that we know; empty if it is one."""
+    if heartbeat.autopilot not in FLAVOURS:
+        return f"autopilot type {heartbeat.autopilot} is neither ArduPilot nor PX4"
+    if heartbeat.type not in FLYING_TYPES:
+        return f"vehicle type {heartbeat.type} (MAV_TYPE) is not a multicopter or helicopter"
+    return ""
 
 
 class VehicleState:
@@ -92,8 +123,11 @@ class VehicleState:
         self.custom_mode: int | None = None
         self.mode_since_s = 0.0
         """When the heartbeat first told the present mode."""
+        self.contested_s: float | None = None
+        """When another autopilot last spoke under this one's ids."""
         self._frame = frame
         self._texts = TextAssembler()
+        self.events = Px4Events()
         self._handlers: dict[int, Callable[[float, Any], None]] = {
             mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
             mavlink.MAVLINK_MSG_ID_SYS_STATUS: self._sys_status,
@@ -105,6 +139,7 @@ class VehicleState:
             mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: self._estimator,
             mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: self._estimator,
             mavlink.MAVLINK_MSG_ID_STATUSTEXT: self._statustext,
+            EventMessage.id: self._event,
         }
         self._forget()
 
@@ -130,6 +165,9 @@ class VehicleState:
         self.battery_fraction: float | None = None
         self.battery_voltage_v: float | None = None
         self._was_high = False
+        self._crash = CrashWatch()
+        self._armed_s = -math.inf
+        """When it was last armed."""
 
     # -- messages -------------------------------------------------------------------------------------------
 
@@ -143,19 +181,44 @@ class VehicleState:
             handler(now_s, message.fields)
 
     def flush(self, now_s: float) -> None:
-        """Give out a long status text whose last part never came; call it every tick."""
+        """Give out what has waited in vain, for the rest of a text or for its event; call it every tick."""
         for text in self._texts.expire(now_s):
+            self._told(now_s, text)
+        for text in self.events.expire(now_s):
             self._text(now_s, text)
 
+    def takes(self, now_s: float, heartbeat: Any) -> bool:
+        """Is this heartbeat this component's own? What has shown itself to be an autopilot stays the one that it is
+        until it is lost: whoever else uses its ids, another aircraft even, must not become it in flight."""
+        if self.role is not Role.AUTOPILOT:
+            return True
+        if role_of(self.system, self.component, heartbeat) is not Role.AUTOPILOT:
+            return False
+        if (heartbeat.autopilot, heartbeat.type) == (self.autopilot_type, self.vehicle_type):
+            return True
+        if self.is_connected(now_s):
+            self.contested_s = now_s
+            return False
+        return True
+
     def _heartbeat(self, now_s: float, fields: Any) -> None:
+        if not self.takes(now_s, fields):
+            return
+        was_autopilot = self.role is Role.AUTOPILOT
         self.heartbeat_s = now_s
-        self.role = role_of(fields)
+        self.role = role_of(self.system, self.component, fields)
         if self.role is not Role.AUTOPILOT:
             return
+        if was_autopilot and (fields.autopilot, fields.type) != (self.autopilot_type, self.vehicle_type):
+            self._forget()
+            self.boots += 1
         self.autopilot_type = fields.autopilot
         self.vehicle_type = fields.type
         self.flavour = FLAVOURS.get(fields.autopilot, Flavour.UNKNOWN)
-        self.armed = bool(fields.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        armed, self.armed = self.armed, bool(fields.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        if self.armed and not armed:
+            self._crash = CrashWatch()
+        self._armed_s = now_s if self.armed else self._armed_s
         if not self.armed:
             self._was_high = False
         if fields.custom_mode != self.custom_mode:
@@ -176,6 +239,7 @@ class VehicleState:
     def _global_position(self, now_s: float, fields: Any) -> None:
         if self._is_old(fields.time_boot_ms) or (fields.lat == 0 and fields.lon == 0):
             return
+        self._look_for_a_fall(now_s, fields)
         latitude_deg, longitude_deg = fields.lat * 1e-7, fields.lon * 1e-7
         if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0) or not self.estimator_is_good:
             return
@@ -187,10 +251,21 @@ class VehicleState:
         if self.armed:
             self._was_high |= (self.above_home_m or 0.0) > FLYING_ABOVE_HOME_M
 
-    def _attitude(self, _now_s: float, fields: Any) -> None:
+    def _look_for_a_fall(self, now_s: float, fields: Any) -> None:
+        """Also where the estimator vouches for nothing, which an impact upsets, and after a disarming in the air."""
+        if now_s - self._armed_s < FALLS_FOR_S:
+            velocity_ned_mps = (fields.vx * 0.01, fields.vy * 0.01, fields.vz * 0.01)
+            landing = self.in_mode(Duty.LAND) or self.in_mode(Duty.RETURN)
+            self._crash.moved(
+                now_s, velocity_ned_mps, fields.alt * 1e-3, fields.relative_alt * 1e-3, landing=landing
+            )
+
+    def _attitude(self, now_s: float, fields: Any) -> None:
         attitude_rad = (fields.roll, fields.pitch, fields.yaw)
         if all(map(math.isfinite, attitude_rad)):
             self.attitude_rad = attitude_rad
+            if self.armed:
+                self._crash.leaned(now_s, fields.roll, fields.pitch)
 
     def _home_position(self, _now_s: float, fields: Any) -> None:
         if fields.latitude == 0 and fields.longitude == 0:
@@ -223,21 +298,38 @@ class VehicleState:
 
     def _statustext(self, now_s: float, fields: Any) -> None:
         for text in self._texts.add(now_s, fields.severity, fields.text, fields.id, fields.chunk_seq):
+            self._told(now_s, text)
+
+    def _event(self, now_s: float, fields: Any) -> None:
+        for text in self.events.event(now_s, fields, armed=self.armed):
             self._text(now_s, text)
+
+    def _told(self, now_s: float, text: StatusText) -> None:
+        """One whole status text; of an autopilot that sends events too, it may say what an event says."""
+        for each in self.events.statustext(now_s, text):
+            self._text(now_s, each)
 
     def _text(self, _now_s: float, text: StatusText) -> None:
         """One whole text."""
         self.new_texts.append(text)
+        self._crash.told(text.text)
 
     # -- findings -------------------------------------------------------------------------------------------
 
     @property
     def mode(self) -> str:
         """In the autopilot's own words, "" before its first heartbeat."""
-        return "" if self.custom_mode is None else mode_name(self.flavour, self.custom_mode)
+        return "" if self.custom_mode is None else mode_name(self.mode_table, self.custom_mode)
 
     def in_mode(self, duty: Duty) -> bool:
-        return self.flavour is not Flavour.UNKNOWN and self.custom_mode == mode_of(self.flavour, duty)
+        flavour = self.mode_table
+        return flavour is not Flavour.UNKNOWN and self.custom_mode == mode_of(flavour, duty)
+
+    @property
+    def mode_table(self) -> Flavour:
+        """Whose table of modes holds; UNKNOWN: none of ours. ArduPilot's planes have one where 6 is no return."""
+        is_plane = self.flavour is Flavour.ARDUPILOT and self.vehicle_type not in COPTER_TYPES
+        return Flavour.UNKNOWN if is_plane else self.flavour
 
     def age_s(self, now_s: float) -> float:
         """Since the last heartbeat; infinite before the first."""
@@ -255,11 +347,29 @@ class VehicleState:
     def is_connected(self, now_s: float) -> bool:
         return self.age_s(now_s) < HEARTBEAT_LOST_S
 
+    def is_contested(self, now_s: float) -> bool:
+        """Whether another autopilot speaks under this one's ids."""
+        return self.contested_s is not None and now_s - self.contested_s < HEARTBEAT_LOST_S
+
+    @property
+    def crash(self) -> str:
+        """How it crashed since it was armed, "" if it did not."""
+        return self._crash.reason
+
+    def believe_crashed(self, how: str) -> None:
+        """Somebody who knows more says so."""
+        self._crash.reason = self._crash.reason or how
+
     @property
     def estimator_is_good(self) -> bool:
         """Does the estimator vouch for an absolute horizontal position, as far as it says anything?"""
         flags = self.estimator_flags
-        return flags is None or flags & (_POS_HORIZ_ABS | _CONST_POS_MODE) == _POS_HORIZ_ABS
+        if flags is None:
+            return True
+        # ArduPilot says by the constant-position bit that it only pretends to know where it is. PX4 (from 1.16 on)
+        # sets it whenever it stands still, with as good a position as in the air.
+        pretends = self.flavour is not Flavour.PX4 and flags & _CONST_POS_MODE
+        return bool(flags & _POS_HORIZ_ABS) and not pretends
 
     @property
     def above_home_m(self) -> float | None:
@@ -272,8 +382,9 @@ class VehicleState:
         """Whether it is in the air: as it says itself, else by its height; None: it is armed and nothing tells.
 
         A vehicle that has been high stays in the air until it is disarmed: low over ground that rises is not landed.
+        A wreck does not fly, whatever its autopilot says.
         """
-        if not self.armed:
+        if not self.armed or self.crash:
             return False
         if (
             self.landed_state != mavlink.MAV_LANDED_STATE_UNDEFINED

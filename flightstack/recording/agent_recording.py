@@ -6,6 +6,7 @@ import pathlib
 
 from flightstack.agent import Inputs, Outputs
 from flightstack.config import DroneConfig
+from flightstack.recording.background_file import make_directory
 from flightstack.recording.fingerprint import fingerprint
 from flightstack.recording.recorder import FlightRecorder, RecordingError, unused
 from flightstack.swarm.wire import VERSION
@@ -16,10 +17,11 @@ class AgentRecording:
     """The configuration, then every tick: its inputs whole, and a fingerprint of what left the drone."""
 
     def __init__(self, config: DroneConfig, incarnation: int, now_s: float, file: str) -> None:
-        """A new recording in the configured directory. What cannot be written to raises with one clear line."""
+        """A new recording in the configured directory. What cannot be a directory raises with one clear line; a disk
+        that takes nothing now does not keep an agent from its drone, and is told by `problem`."""
         directory = pathlib.Path(config.record_to)
         try:
-            directory.mkdir(parents=True, exist_ok=True)
+            make_directory(directory)
             path = unused(directory / f"drone-{config.drone}-{incarnation:08x}.mcap")
             self._recorder = FlightRecorder(path)
         except OSError as error:
@@ -33,6 +35,11 @@ class AgentRecording:
     @property
     def path(self) -> pathlib.Path:
         return self._recorder.path
+
+    @property
+    def problem(self) -> str:
+        """Why the flight is not recorded now; empty when all is well."""
+        return self._recorder.problem
 
     def tick(self, now_s: float, inputs: Inputs, outputs: Outputs) -> None:
         self._recorder.record("/inputs", now_s, inputs)

@@ -26,13 +26,26 @@ from mcap.writer import CompressionType, Writer
 from flightstack.recording import named_json
 from flightstack.recording.background_file import BackgroundFile, RecordingError
 
-__all__ = ["FlightRecorder", "Record", "RecordingError", "TlogWriter", "read_recording", "restore", "unused"]
+__all__ = [
+    "GAP",
+    "FlightRecorder",
+    "Record",
+    "RecordingError",
+    "TlogWriter",
+    "read_recording",
+    "restore",
+    "unused",
+]
 
 log = logging.getLogger(__name__)
 
 restore = named_json.restore
 _TIME_FIELD: Final = "_time_s"
 """The exact time of a record: MCAP's own, whole nanoseconds, is not always the float that the agent got."""
+GAP: Final = "/gap"
+"""Topic that says that records are missing before this one."""
+_AROUND_BYTES: Final = 1024
+"""More than a record has around its message, with the topic's own record if it is the first of it."""
 _RECORD_AT_MOST_BYTES: Final = 64 << 20
 _READ_ERRORS: Final = (McapError, struct.error, msgspec.MsgspecError, ValueError, EOFError, OverflowError)
 """What mcap's reader raises on a record that is cut short or overwritten."""
@@ -56,6 +69,8 @@ class FlightRecorder:
         self._channels: dict[str, int] = {}
         self._schema: int | None = None
         self._sequence = 0
+        self._missing = 0
+        """Records since a disk that fell behind took the last one."""
         self._closed = False
 
     @property
@@ -64,18 +79,27 @@ class FlightRecorder:
 
     @property
     def problem(self) -> str:
-        """Why recording has ended before its time; empty when all is well."""
+        """Why nothing is recorded now; empty when all is well."""
         return self._file.problem
 
     def record(self, topic: str, time_s: float, message: msgspec.Struct | dict[str, Any]) -> None:
-        """Append `message` to `topic` ("/state/3") at `time_s` of the flight's clock; the wall's is added."""
-        if self._closed or self._file.problem:
+        """Append `message` to `topic` ("/state/3") at `time_s` of the flight's clock; the wall's is added.
+
+        Behind a stretch that the disk could not take stands a record of `GAP` with the number of what is missing.
+        """
+        if self._closed:
             return
+        body = named_json.encode(message)
+        if not self._file.takes(len(body) + _AROUND_BYTES):
+            self._missing += 1
+            return
+        missing, self._missing = self._missing, 0
+        if missing:
+            self.record(GAP, time_s, {"records": missing})
         channel = self._channels.get(topic)
         if channel is None:
             channel = self._channels[topic] = self._register(topic)
         self._sequence += 1
-        body = named_json.encode(message)
         separator = b"," if len(body) > 2 else b""
         data = b'{"%s":%s%s' % (_TIME_FIELD.encode(), msgspec.json.encode(time_s), separator) + body[1:]
         self._writer.add_message(channel, round(time_s * 1e9), data, time.time_ns(), self._sequence)
@@ -158,7 +182,7 @@ class TlogWriter:
 
     @property
     def problem(self) -> str:
-        """Why recording has ended before its time; empty when all is well."""
+        """Why nothing is recorded now; empty when all is well."""
         return self._file.problem
 
     def write(self, time_s: float, frame: bytes) -> None:

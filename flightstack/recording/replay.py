@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import pathlib
 from typing import Any
 
@@ -11,8 +12,10 @@ from flightstack.agent import Agent, Inputs
 from flightstack.config import DroneConfig
 from flightstack.errors import FlightstackError
 from flightstack.recording.fingerprint import fingerprint
-from flightstack.recording.recorder import Record, read_recording, restore
+from flightstack.recording.recorder import GAP, Record, read_recording, restore
 from flightstack.swarm.wire import VERSION
+
+log = logging.getLogger(__name__)
 
 
 class ReplayError(FlightstackError):
@@ -37,6 +40,9 @@ def replay(path: pathlib.Path) -> Replay:
             agent = _agent(path, record.message)
         elif agent is None:
             raise ReplayError(f"{path}: the recording does not begin with the drone's configuration")
+        elif record.topic == GAP:
+            log.warning("%s: the disk took nothing for a while; what comes after cannot be flown again", path)
+            break
         elif record.topic == "/inputs":
             outputs = agent.step(record.time_s, _inputs(path, record))
             now = fingerprint(outputs)

@@ -10,8 +10,9 @@ from typing import Annotated, Any
 
 import msgspec
 import typer
-import yaml
 
+from mission.documents.printable import printable
+from mission.documents.yaml_file import parse_value
 from sensors.filters.co2_model import Co2FilterConfig
 from sensors.filters.filter_settings import co2_filter_config
 from sensors.instruments.registry import INSTRUMENTS, instrument_type, make_instrument
@@ -129,7 +130,8 @@ def read(
         attached.close()
     if not measured:
         reason = last.reason or last.state.value if last is not None else "not a byte came"
-        typer.echo(f"flightstack: {port}: no reading from a {entry.name}: {reason}", err=True)
+        text = f"flightstack: {port}: no reading from a {entry.name}: {reason}"
+        typer.echo(printable(text), err=True)
         raise typer.Exit(1)
 
 
@@ -254,7 +256,7 @@ def doctor(
             )
         else:
             who = f"{found.type_name} at {found.baud} baud" if found.type_name else "no instrument"
-            typer.echo(f"{name}: {who}: {found.detail}")
+            typer.echo(printable(f"{name}: {who}: {found.detail}"))
     if not answered:
         raise typer.Exit(1)
 
@@ -275,7 +277,7 @@ def sample_text(sample: Sample) -> str:
     if sample.status:
         parts.append(f"status {sample.status}")
     if sample.reason:
-        parts.append(sample.reason)
+        parts.append(printable(sample.reason))
     return f"{head}  {'  '.join(parts)}".rstrip()
 
 
@@ -285,10 +287,7 @@ def _options(given: list[str] | None) -> dict[str, Any]:
         name, equals, value = text.partition("=")
         if not equals or not name:
             raise SensorError(f"--option {text}: write it as NAME=VALUE")
-        try:
-            options[name] = yaml.safe_load(value)
-        except yaml.YAMLError as error:
-            raise SensorError(f"--option {text}: the value cannot be read") from error
+        options[name] = parse_value(value, f"--option {name}")
     return options
 
 

@@ -10,6 +10,7 @@ from rich.console import Console, Group
 from rich.live import Live
 from rich.text import Text
 
+from mission.documents.printable import printable
 from sensors.instruments.samples import InstrumentState, Sample
 
 _SPARKS = "▁▂▃▄▅▆▇█"
@@ -64,7 +65,7 @@ class LiveDisplay:
         if value is not None:
             head.append(f"{value:10.2f} {unit}", style="bold")
         tail = "  ".join(t for t in (f"status {sample.status}" if sample.status else "", sample.reason) if t)
-        head.append(f"   {tail}")
+        head.append(f"   {printable(tail)}")
         lines = [head]
         if self._values:
             low, high = min(self._values), max(self._values)

@@ -28,6 +28,7 @@ from flightstack.swarm.wire import (
     TreeState,
     WireError,
 )
+from mission.documents.printable import printable
 from mission.estimation.estimates import Reading, Scalar, Wind
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Decision, GoTo, Order, Velocity
@@ -147,7 +148,7 @@ class Admission:
         fresh = text not in self._told and len(self._told) < MOST_TOLD
         if fresh:
             self._told.add(text)
-        return Refusal(kind, reason, text, fresh, message)
+        return Refusal(kind, printable(reason), printable(text), fresh, message)
 
 
 def refusal(message: object, members: Collection[int]) -> str:
@@ -185,10 +186,15 @@ def _misnamed(drone: int, sender: str) -> tuple[RefusalKind, str]:
 
 
 def _believable(message: Message) -> Message:
-    """One odd estimate does not hide the drone that sent it, nor one odd vehicle the others in the traffic."""
+    """One odd estimate does not hide the drone that sent it, nor one odd vehicle the others in the traffic; words
+    come out as they may be shown."""
     match message:
         case DroneState():
             battery = message.battery_fraction
+            words = (message.mode, message.storage, *message.notes)
+            if not all(map(str.isprintable, words)):
+                mode, storage, *notes = map(printable, words)
+                message = msgspec.structs.replace(message, mode=mode, storage=storage, notes=tuple(notes))
             if (
                 (battery is None or math.isfinite(battery))
                 and _is_estimate(message.excess_co2_ppm)
@@ -203,9 +209,29 @@ def _believable(message: Message) -> Message:
                 wind=message.wind if _is_wind(message.wind) else None,
                 word=message.word if _is_bounded(message.word) else b"",
             )
+        case Event():
+            return msgspec.structs.replace(
+                message, code=printable(message.code), text=printable(message.text)
+            )
+        case CommandOutcome():
+            return msgspec.structs.replace(message, reason=printable(message.reason))
+        case GroundReport():
+            return _shown(message)
         case Traffic():
             return msgspec.structs.replace(message, vehicles=tuple(filter(_is_vehicle, message.vehicles)))
     return message
+
+
+def _shown(report: GroundReport) -> GroundReport:
+    """With words that may be shown."""
+    return msgspec.structs.replace(
+        report,
+        sender=printable(report.sender),
+        alarms=tuple(
+            msgspec.structs.replace(a, code=printable(a.code), text=printable(a.text)) for a in report.alarms
+        ),
+        vehicles=tuple(msgspec.structs.replace(v, mode=printable(v.mode)) for v in report.vehicles),
+    )
 
 
 def _is_bounded(word: bytes) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import msgspec
 
-from flightstack.autopilot import VehicleReport
+from flightstack.autopilot import TakenBy, VehicleReport
 from flightstack.sensing.filter_stage import Sensed
 from flightstack.swarm.news import Note
 from flightstack.swarm.topics import EVENT, OUTCOME, STATE, TREE, Topic
@@ -32,6 +32,12 @@ class OwnFacts(msgspec.Struct, frozen=True):
     late_ticks: int
     word: bytes
     """What its strategy tells the neighbours' strategies."""
+    crash: str = ""
+    """How and where it crashed; empty if it did not."""
+    astray: str = ""
+    """How it does not go where it is sent; empty while it does."""
+    storage: str = ""
+    """Why its flight is not recorded."""
 
 
 class Announced(msgspec.Struct, frozen=True):
@@ -93,6 +99,7 @@ class Announcements:
         self._states += 1
         vehicle, sensed, place = own.vehicle, own.sensed, own.place
         waiting = vehicle.ready_reason if not vehicle.armed else ""
+        failsafe = vehicle.armed and vehicle.taken_by is TakenBy.AUTOPILOT
         return DroneState(
             self._drone,
             self._incarnation,
@@ -117,6 +124,7 @@ class Announcements:
             own.best_ppm,
             (
                 *((f"autopilot: {waiting}",) if waiting else ()),
+                *((f"failsafe of the autopilot: {vehicle.taken_reason}",) if failsafe else ()),
                 *vehicle.notes,
                 *sensed.notes,
                 *(f"guard: {text}" for text in own.held_by),
@@ -125,4 +133,7 @@ class Announcements:
             own.late_ticks,
             vehicle.position_age_s or 0.0,
             own.word,
+            own.crash,
+            own.astray,
+            own.storage,
         )

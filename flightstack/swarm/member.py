@@ -6,12 +6,14 @@ tick with the messages that go out. Both are deterministic in their arguments; n
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 
 import msgspec
 
 from flightstack.swarm.admission import Admission, Refusal, RefusalKind
 from flightstack.swarm.announcements import Announced, Announcements, OwnFacts
+from flightstack.swarm.incarnations import TWINS_S
 from flightstack.swarm.news import Note, tree_notes
 from flightstack.swarm.parting import Part
 from flightstack.swarm.peers import Peers
@@ -40,6 +42,8 @@ class SwarmView(msgspec.Struct, frozen=True):
     """A heal of this tick has given this drone another slot."""
     shut_out: bool
     """The others fly a survey that does not count this drone in."""
+    has_twin: bool
+    """Another agent says, now, that it is this drone."""
     part: Part
     ground_heard_s: float | None
     refused: tuple[Note, ...]
@@ -78,6 +82,7 @@ class SwarmMember:
         )
         self._announcements = Announcements(drone, incarnation, frame_identity, tick_s)
         self._twin: DroneState | None = None
+        self._twin_s = -math.inf
 
     def step(
         self,
@@ -97,9 +102,10 @@ class SwarmMember:
                     if message.fresh:
                         refused.append(Note(Severity.WARNING, "peer", message.text))
                     if message.kind is RefusalKind.TWIN and isinstance(message.message, DroneState):
-                        self._twin = message.message
+                        self._twin, self._twin_s = message.message, now_s
                 case TreeState():
-                    trees.append(message)
+                    if self._peers.speaks(message.sender, message.incarnation):
+                        trees.append(message)
                 case Command():
                     commands.append(message)
                 case _:
@@ -116,6 +122,7 @@ class SwarmMember:
             self._slot_ned_m(),
             news.moved and tree.member and not (tree.order is not None and tree.order.apart),
             tree.shut_out,
+            now_s - self._twin_s <= TWINS_S,
             self._peers.part(now_s, self._lost_after_s),
             self._peers.ground_heard_s,
             tuple(refused),

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 import msgspec
 
 from flightstack.swarm.admission import Message
+from flightstack.swarm.incarnations import Incarnations
 from flightstack.swarm.parting import Part, is_adrift, part_of
 from flightstack.swarm.wire import TAKING_PART, DroneState, GroundBeat, Traffic, TrafficVehicle
 from mission.estimation.estimates import Scalar
@@ -48,6 +49,7 @@ class Peers:
         self.peers: dict[int, Peer] = {}
         self.ground_heard_s: float | None = None
         self._drone = drone
+        self._incarnations: dict[int, Incarnations] = {}
         self._traffic: dict[int, tuple[TrafficVehicle, float]] = {}
 
     def hear(self, now_s: float, message: Message) -> None:
@@ -60,6 +62,11 @@ class Peers:
                         self._traffic[vehicle.drone] = (vehicle, now_s - vehicle.age_s)
             case GroundBeat():
                 self.ground_heard_s = now_s
+
+    def speaks(self, drone: int, incarnation: int) -> bool:
+        """Whether this agent of a drone is the one that counts, as far as is known."""
+        known = self._incarnations.get(drone)
+        return known is None or known.speaks(incarnation)
 
     def facts(self) -> Mapping[int, PeerFacts]:
         return {drone: peer.facts for drone, peer in self.peers.items()}
@@ -104,11 +111,8 @@ class Peers:
         return tuple(found[drone] for drone in sorted(found))
 
     def _hear_state(self, now_s: float, state: DroneState) -> None:
-        known = self.peers.get(state.sender)
-        if known is not None:
-            before = known.state
-            if state.incarnation == before.incarnation and state.sequence <= before.sequence:
-                return
+        if not self._incarnations.setdefault(state.sender, Incarnations()).hear(now_s, state):
+            return
         facts = PeerFacts(now_s, state.phase in TAKING_PART, state.healing, state.position_ned_m)
         self.peers[state.sender] = Peer(state, facts)
 

@@ -19,7 +19,7 @@ from mission.estimation.estimates import Reading, Scalar, Wind
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Order
 
-VERSION = 3
+VERSION = 4
 
 
 class WireError(ValueError):
@@ -38,7 +38,11 @@ class Phase(enum.StrEnum):
     HOLDING = "holding"
     RETURNING = "returning"
     LANDING = "landing"
+    """The autopilot lands it where it is."""
+    RTL = "rtl"
+    """The autopilot brings it home by its own way and lands it."""
     LANDED = "landed"
+    CRASHED = "crashed"
     PILOT = "pilot"
     """A person or an autopilot failsafe has the vehicle; we send nothing until a command gives it back."""
 
@@ -86,6 +90,12 @@ class DroneState(msgspec.Struct, frozen=True, array_like=True, tag="state"):
     """Age of position and velocity when this was sent: a vehicle without GPS drifts away from what it says."""
     word: bytes = b""
     """What its strategy tells the neighbours' strategies, which alone know what it means."""
+    crash: str = ""
+    """How and where it crashed, empty if it did not."""
+    astray: str = ""
+    """How it does not go where it is sent, empty while it does."""
+    storage: str = ""
+    """Why its flight is not recorded; empty when it is."""
 
 
 class TreeState(msgspec.Struct, frozen=True, array_like=True, tag="tree"):
@@ -131,6 +141,8 @@ class Command(msgspec.Struct, frozen=True, array_like=True, tag="command"):
     target: int
     """A drone's id, or 0 for every member."""
     name: CommandName
+    without_recording: bool = False
+    """A start also for drones whose flight cannot be recorded."""
 
 
 class Result(enum.StrEnum):
@@ -182,6 +194,8 @@ class Traffic(msgspec.Struct, frozen=True, array_like=True, tag="traffic"):
 class GroundBeat(msgspec.Struct, frozen=True, array_like=True, tag="ground"):
     sender: str
     sequence: int
+    system: int = 0
+    """Its MAVLink system id; 0: not told."""
 
 
 class GroundAlarm(msgspec.Struct, frozen=True, array_like=True):
@@ -206,6 +220,8 @@ class HeardVehicle(msgspec.Struct, frozen=True, array_like=True):
     battery_fraction: float | None
     age_s: float
     """Since its last heartbeat."""
+    crash: str = ""
+    """How it crashed since it was armed, as its motion and its autopilot's texts tell; empty if it did not."""
 
 
 class GroundReport(msgspec.Struct, frozen=True, array_like=True, tag="report"):

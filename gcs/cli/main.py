@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import typer
 
+from flightstack.command_line import run_program, versioned
 from gcs.cli import fence, param, plan, serve, status, survey
 from gcs.errors import GroundError
 from mission.documents.yaml_file import DocumentError
@@ -13,6 +14,7 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
+app.callback()(versioned)
 for command in (serve.serve, survey.survey, status.status, status.watch):
     app.command()(command)
 for name, nouns in (("plan", plan.app), ("fence", fence.app), ("param", param.app)):
@@ -21,16 +23,18 @@ for name, nouns in (("plan", plan.app), ("fence", fence.app), ("param", param.ap
 
 def main() -> None:
     """Entry point: what a user can get wrong ends in one line and exit code 2, what a vehicle refuses in 1."""
+    run_program("gcs", app, _exit_code_of)
+
+
+def _exit_code_of(error: Exception) -> int | None:
     from flightstack.errors import FlightstackError
     from flightstack.transport import TransportError
+    from gcs.plans.vehicle_link import VehicleError
 
-    try:
-        app(standalone_mode=True)
-    except (DocumentError, GroundError, FlightstackError, TransportError) as error:
-        from gcs.plans.autopilot_client import VehicleError
-
-        typer.echo(f"gcs: {error}", err=True)
-        raise SystemExit(1 if isinstance(error, VehicleError) else 2) from error
+    if isinstance(error, VehicleError):
+        return 1
+    known = (DocumentError, GroundError, FlightstackError, TransportError)
+    return 2 if isinstance(error, known) else None
 
 
 if __name__ == "__main__":

@@ -5,11 +5,14 @@ from __future__ import annotations
 import enum
 import pathlib
 from collections.abc import Sequence
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from gcs.errors import GroundError
+
+if TYPE_CHECKING:
+    from gcs.connection import Connection
 
 ConfigOption = Annotated[
     pathlib.Path | None, typer.Option("--config", help="The ground station's YAML file.")
@@ -34,6 +37,18 @@ class FenceActionName(enum.StrEnum):
     LAND = "land"
     HOLD = "hold"
     REPORT = "report"
+
+
+def swarm_connection(
+    config: pathlib.Path | None, swarm: str | None, connect: Sequence[str] | None
+) -> Connection:
+    """How to join the swarm, by --config, or by --swarm and --connect; says which hosts of a file do not exist."""
+    from gcs.connection import from_options
+
+    connection = from_options(config, swarm, connect or ())
+    for problem in connection.unresolved:
+        typer.echo(f"gcs: warning: {problem}", err=True)
+    return connection
 
 
 def mavlink_links(config: pathlib.Path | None, link: Sequence[str] | None) -> tuple[tuple[str, ...], int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pathlib
+from collections.abc import Sequence
 from typing import Any
 
 import typer
@@ -15,6 +16,14 @@ def say(facts: dict[str, Any], text: str, *, json: bool) -> None:
     from gcs.fleet.observe import to_json
 
     typer.echo(to_json(facts) if json else text)
+
+
+def tell(file: pathlib.Path, errors: Sequence[str], warnings: Sequence[str]) -> None:
+    """What was found in a file, on the error output."""
+    for error in errors:
+        typer.echo(f"{file}: {error}", err=True)
+    for warning in warnings:
+        typer.echo(f"{file}: warning: {warning}", err=True)
 
 
 def settings(parameters: dict[str, float]) -> str:

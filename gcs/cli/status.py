@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from gcs.cli.options import ConfigOption, ConnectOption, JsonOption, SwarmOption
+from gcs.cli.options import ConfigOption, ConnectOption, JsonOption, SwarmOption, swarm_connection
 
 
 def status(
@@ -18,10 +18,9 @@ def status(
     json: JsonOption = False,
 ) -> None:
     """Listen for a moment and report every drone; exit code 1 if nobody is heard."""
-    from gcs.connection import from_options
     from gcs.fleet.observe import listen, to_json
 
-    observer, now_s = listen(from_options(config, swarm, connect or ()), seconds)
+    observer, now_s = listen(swarm_connection(config, swarm, connect), seconds)
     if json:
         typer.echo(to_json(observer.snapshot(now_s)))
     else:
@@ -42,7 +41,6 @@ def status(
 
 def watch(config: ConfigOption = None, swarm: SwarmOption = None, connect: ConnectOption = None) -> None:
     """Show the swarm live until Ctrl-C."""
-    from gcs.connection import from_options
     from gcs.display.watch import watch as show
 
-    show(from_options(config, swarm, connect or ()))
+    show(swarm_connection(config, swarm, connect))

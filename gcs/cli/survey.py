@@ -7,7 +7,8 @@ from typing import Annotated
 import typer
 
 from flightstack.swarm.wire import CommandName
-from gcs.cli.options import ConfigOption, ConnectOption, JsonOption, SwarmOption
+from gcs.cli.options import ConfigOption, ConnectOption, JsonOption, SwarmOption, swarm_connection
+from gcs.errors import GroundError
 
 
 def survey(
@@ -20,14 +21,20 @@ def survey(
         float,
         typer.Option("--deadline", min=0.1, help="Seconds until a drone that has not answered is given up."),
     ] = 5.0,
+    without_recording: Annotated[
+        bool,
+        typer.Option("--without-recording", help="Start also drones whose flights cannot be recorded."),
+    ] = False,
     json: JsonOption = False,
 ) -> None:
     """Command the swarm and wait for every drone's answer; exit code 0 only if all accepted."""
     from gcs.commands.send import command_swarm
-    from gcs.connection import from_options
     from gcs.fleet.observe import to_json
 
-    done = command_swarm(from_options(config, swarm, connect or ()), name, drone, deadline_s)
+    if without_recording and name is not CommandName.START:
+        raise GroundError(f"--without-recording is for start, not for {name}")
+    connection = swarm_connection(config, swarm, connect)
+    done = command_swarm(connection, name, drone, deadline_s, without_recording=without_recording)
     if json:
         report = {"command": name, "identity": done.command.identity, "accepted": done.accepted()}
         typer.echo(to_json(report | {"drones": done.answers()}))

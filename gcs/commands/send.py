@@ -13,7 +13,14 @@ from gcs.connection import Connection
 POLL_S = 0.05
 
 
-def command_swarm(connection: Connection, name: CommandName, target: int, deadline_s: float) -> SurveyCommand:
+def command_swarm(
+    connection: Connection,
+    name: CommandName,
+    target: int,
+    deadline_s: float,
+    *,
+    without_recording: bool = False,
+) -> SurveyCommand:
     """Publish the command until everybody has answered or `deadline_s` of real time has passed."""
     node = connection.node("command")
     admission = Admission()  # whoever answers is listed, also a drone of another frame
@@ -26,6 +33,7 @@ def command_swarm(connection: Connection, name: CommandName, target: int, deadli
             members=connection.members,
             started_s=time.monotonic(),
             deadline_s=deadline_s,
+            without_recording=without_recording,
         )
         while not command.done(time.monotonic()):
             if command.due(time.monotonic()):

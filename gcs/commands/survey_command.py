@@ -38,8 +38,9 @@ class SurveyCommand:
         members: Iterable[int],
         started_s: float,
         deadline_s: float,
+        without_recording: bool = False,
     ) -> None:
-        self.command = Command(uuid.uuid4().hex, sender, target, name)
+        self.command = Command(uuid.uuid4().hex, sender, target, name, without_recording)
         self._members = tuple(members)
         """Everybody who is to answer; empty: whoever is heard."""
         self._started_s = started_s

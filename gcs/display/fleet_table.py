@@ -25,6 +25,8 @@ _PHASE_STYLES = {
     "holding": "yellow",
     "returning": "blue",
     "landing": "blue",
+    "rtl": "blue",
+    "crashed": "bold red",
 }
 _DASH = "–"
 

@@ -20,6 +20,11 @@ def watch(connection: Connection) -> None:
     console = Console()
     if not console.is_terminal:
         raise GroundError("gcs watch needs a terminal; `gcs status --json` is for programs")
+    if console.is_dumb_terminal:
+        raise GroundError(
+            "gcs watch cannot draw on this terminal (TERM says it is dumb): set TERM, to xterm-256color say, or "
+            "use `gcs status`"
+        )
     clock = connection.clock()
     transport = connection.open(connection.node("watch"))
     observer = Observer(connection, clock.now_s())

@@ -1,14 +1,13 @@
-"""One drone's agent as its own messages describe it: newest state, restarts, two agents with one id."""
+"""One drone's agent as its own messages describe it: newest state, tree, what it flew, how it keeps time."""
 
 from __future__ import annotations
 
 import math
 from collections import deque
 
+from flightstack.swarm.incarnations import FLYING_PHASES, Incarnations
 from flightstack.swarm.wire import DroneState, Phase, TreeState
 
-FLYING_PHASES = frozenset(Phase) - {Phase.DISARMED, Phase.ARMING, Phase.LANDED, Phase.PILOT}
-"""The phases in which an agent has its vehicle in the air and is responsible for it."""
 TICK_WINDOW_S = 10.0
 """Late ticks are counted over this long."""
 
@@ -22,36 +21,25 @@ class HeardAgent:
         self.state_s: float | None = None
         self.tree: TreeState | None = None
         self.tree_s: float | None = None
-        self.restarts = 0
-        """How often a new incarnation was heard."""
-        self.clashes = 0
-        """Messages of an incarnation that had been replaced: two agents run with one id."""
-        self.clash_s: float | None = None
+        self.incarnations = Incarnations()
         self.flown = False
         """The agent had its vehicle in the air and the vehicle has not been seen disarmed since."""
         self.last_flying_s: float | None = None
         """When the agent last said so, and in which phase."""
         self.last_flying_phase: Phase | None = None
         self._flying_incarnation: int | None = None
-        self._incarnations: list[int] = []
         self._ticks: deque[tuple[float, int, int]] = deque()
 
     def age_s(self, now_s: float) -> float:
         return math.inf if self.state_s is None else now_s - self.state_s
 
     def receive_state(self, now_s: float, state: DroneState) -> bool:
-        """Take a state; False for one that is older than what is known or of a replaced incarnation."""
-        known = self.state
-        if known is None or state.incarnation != known.incarnation:
-            if state.incarnation in self._incarnations:
-                self.clashes += 1
-                self.clash_s = now_s
-                return False
-            self.restarts += bool(self._incarnations)
-            self._incarnations = [*self._incarnations[-15:], state.incarnation]
-            self._ticks.clear()
-        elif state.sequence <= known.sequence:
+        """Take a state; False for one that is older than what is known, and for a twin's."""
+        before = self.state
+        if not self.incarnations.hear(now_s, state):
             return False
+        if before is None or state.incarnation != before.incarnation:
+            self._ticks.clear()
         self.state, self.state_s = state, now_s
         if state.airborne and state.phase in FLYING_PHASES:
             self.flown, self.last_flying_s, self.last_flying_phase = True, now_s, state.phase

@@ -28,8 +28,9 @@ CEILING_HYSTERESIS_M = 0.5
 ANSWER_DUE_S = 5.0
 """A command that a live drone has not answered by then is lost."""
 ANSWER_SHOWN_S = 30.0
-CLASH_SHOWN_S = 10.0
 GARBLED_SHOWN_S = 10.0
+RIVAL_SHOWN_S = 3.0
+"""Ground stations speak once a second."""
 _INSTRUMENT = re.compile(r"[^:]+: (silent|warming|zeroing|error)\b|(CO2|wind) estimate: ")
 """Agents' notes on instruments: "NAME: STATE, reason", and on what is estimated from them. Other notes tell what
 the guard or the autopilot holds up, and are no alarm."""
@@ -44,6 +45,35 @@ class Alarm(msgspec.Struct, frozen=True):
     text: str
     since_s: float
     """When it began, on the ground station's clock."""
+
+
+ENDS = {
+    "absent": "its agent is heard",
+    "agent_silent": "its agent is heard again",
+    "vehicle_silent": "its autopilot is heard over MAVLink again",
+    "foreign": "this vehicle, no member of the swarm, flies no more or is out of hearing",
+    "orphan": "its vehicle does not fly without an agent any more",
+    "lost": "it is heard again",
+    "frame": "its origin is ours again",
+    "unflown": "it does not fly without its agent any more",
+    "identity": "one agent alone has its number again",
+    "late_ticks": "its ticks are in time again",
+    "position": "it knows where it is again, or is disarmed",
+    "sensor": "nothing is amiss with its instruments any more",
+    "fence": "it is inside the geofence again, or on the ground",
+    "ceiling": "it is below the ceiling again, or on the ground",
+    "battery": "its battery is above the limit again",
+    "wire": "no more unreadable messages",
+    "crash": "its vehicle was armed or restarted after the crash",
+    "astray": "it goes where it is sent again, or is not steered any more",
+    "no_ack": "the missing answer has come, or is not waited for any more",
+}
+"""What an alarm's end is told as, by its code up to a colon."""
+
+
+def ended(alarm: Alarm) -> str:
+    """The end of an alarm in words: what is the case now, not what was."""
+    return ENDS.get(alarm.code.partition(":")[0], f"not so any more: {alarm.text}")
 
 
 class Condition(NamedTuple):
@@ -127,29 +157,62 @@ class Monitor:
     # -- conditions ----------------------------------------------------------------------------------------
 
     def _look(self, now_s: float, fleet: FleetView) -> Iterator[tuple[int, Condition]]:
-        for drone in fleet.drones():
+        for drone in fleet.drones(now_s):
             agent = fleet.agents.get(drone) or HeardAgent(drone)
             vehicle = fleet.heard_vehicle(drone, now_s)
+            if not fleet.is_member(drone):
+                for condition in self._foreign(now_s, fleet, drone, vehicle):
+                    yield drone, condition
+                continue
+            for condition in _twins(now_s, fleet, agent):
+                yield drone, condition
             for condition in self._silence(now_s, fleet, agent, vehicle):
                 yield drone, condition
             if agent.state is not None and fleet.agent_live(drone, now_s):
-                for condition in self._agent(now_s, fleet, agent, agent.state, vehicle):
+                for condition in self._agent(fleet, agent, agent.state, vehicle):
                     yield drone, condition
+            crash = fleet.crash(drone, now_s)
+            if crash:
+                yield drone, Condition("crash", Severity.CRITICAL, f"crashed: {crash}")
             newest = fleet.newest(drone, now_s)
             if newest is not None:
                 for condition in self._flight(now_s, fleet, drone, newest):
                     yield drone, condition
+        yield from self._network(now_s, fleet)
+
+    @staticmethod
+    def _network(now_s: float, fleet: FleetView) -> Iterator[tuple[int, Condition]]:
+        """What is wrong between nodes: no answers, messages that cannot be read, ground stations in our name."""
         for identity, asked in fleet.asked.items():
             age_s = now_s - asked.time_s
             if ANSWER_DUE_S <= age_s <= ANSWER_SHOWN_S:
                 for drone in asked.waiting_for:
                     text = f"no answer to {asked.command.name} from {asked.command.sender}"
                     yield drone, Condition(f"no_ack:{identity[:8]}", Severity.WARNING, text)
+        if fleet.storage:
+            yield 0, Condition("recording", Severity.WARNING, f"the ground station's {fleet.storage}")
+        for same, (text, heard_s) in fleet.rivals.items():
+            if now_s - heard_s <= RIVAL_SHOWN_S:
+                yield 0, Condition(f"station:{same}", Severity.WARNING, text, RIVAL_SHOWN_S)
         for sender, garbled in fleet.garbled.items():
             if now_s - garbled.time_s <= GARBLED_SHOWN_S:
                 drone = int(sender) if sender.isdecimal() else 0
                 text = f"{garbled.count} unreadable messages from node {sender}: {garbled.text}"
                 yield drone, Condition("wire", Severity.WARNING, text)
+
+    def _foreign(
+        self, now_s: float, fleet: FleetView, drone: int, vehicle: HeardVehicle | None
+    ) -> Iterator[Condition]:
+        """Who is not ours is told of while it is heard, and is nobody's loss when it is gone."""
+        if fleet.agent_live(drone, now_s):
+            text = (
+                "an agent of this swarm, but no member of it: another survey's, or missing in swarm.members"
+            )
+            yield Condition("foreign", Severity.WARNING, text)
+        elif vehicle is not None and vehicle.age_s <= self._limits.vehicle_silent_s:
+            does = f"flies in {vehicle.mode}" if vehicle.airborne else "is on the ground"
+            lacks = "is no member of this swarm" if fleet.members else "no agent of it is heard"
+            yield Condition("foreign", Severity.INFO, f"{does}, but {lacks}")
 
     def _silence(
         self, now_s: float, fleet: FleetView, agent: HeardAgent, vehicle: HeardVehicle | None
@@ -171,10 +234,7 @@ class Monitor:
             return
         silent = "no agent heard" if math.isinf(agent_age_s) else f"agent silent for {_age(agent_age_s)}"
         if vehicle is not None and not vehicle_silent:
-            if flying and math.isinf(agent_age_s) and agent.drone not in fleet.members:
-                text = f"flies in {vehicle.mode}, but is no member of this swarm"
-                yield Condition("foreign", Severity.INFO, text)
-            elif flying:
+            if flying:
                 text = f"{silent}, its vehicle flies on in {vehicle.mode}"
                 finding_s = NEVER_HEARD_AFTER_S if math.isinf(agent_age_s) else 0.0
                 yield Condition("orphan", Severity.CRITICAL, text, finding_s)
@@ -189,7 +249,6 @@ class Monitor:
 
     def _agent(
         self,
-        now_s: float,
         fleet: FleetView,
         agent: HeardAgent,
         state: DroneState,
@@ -202,15 +261,16 @@ class Monitor:
         if airborne and state.phase in (Phase.DISARMED, Phase.LANDED):
             text = f"flies in {state.mode}, but its agent is {state.phase}: not flown by its agent"
             yield Condition("unflown", Severity.CRITICAL, text, UNFLOWN_AFTER_S)
-        if agent.clash_s is not None and agent.clashes > 2 and now_s - agent.clash_s <= CLASH_SHOWN_S:
-            text = f"two agents call themselves drone {agent.drone}: stop one, or change its number"
-            yield Condition("identity", Severity.CRITICAL, text)
         late = agent.late_fraction()
         if late > self._limits.late_ticks_fraction:
             text = f"{late:.0%} of its ticks are late: its computer is overloaded"
             yield Condition("late_ticks", Severity.WARNING, text, 2.0)
+        if state.astray:
+            yield Condition("astray", Severity.CRITICAL, state.astray)
         if state.armed and state.position_ned_m is None:
             yield Condition("position", Severity.CRITICAL, "armed, but it does not know where it is", 1.0)
+        if state.storage:
+            yield Condition("recording", Severity.WARNING, state.storage)
         trouble = [note for note in state.notes if _INSTRUMENT.match(note)]
         if trouble:
             blind = state.armed and state.excess_co2_ppm is None
@@ -252,6 +312,17 @@ class Monitor:
         if airborne and fraction <= limits.battery_critical_fraction:
             severity = Severity.CRITICAL
         return Condition("battery", severity, f"battery at {fraction:.0%}, mode {mode}", 2.0)
+
+
+def _twins(now_s: float, fleet: FleetView, agent: HeardAgent) -> Iterator[Condition]:
+    """Two that use one number, while they do."""
+    vehicle = fleet.vehicle(agent.drone)
+    if agent.incarnations.has_twins(now_s):
+        text = f"two agents call themselves drone {agent.drone}: stop one, or change its number"
+        yield Condition("identity", Severity.CRITICAL, text)
+    elif vehicle is not None and vehicle.is_contested(now_s):
+        text = f"two autopilots speak as system {agent.drone}: every vehicle needs its own id"
+        yield Condition("identity", Severity.CRITICAL, text)
 
 
 def why_unheard(now_s: float, fleet: FleetView, drone: int) -> str:

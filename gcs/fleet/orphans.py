@@ -6,6 +6,7 @@ ground station commands the autopilot's own return (or landing) and repeats that
 
 What it must not do is end a healthy survey, or fight a person:
 
+* A vehicle that is no member is not ours to command, whatever flew it.
 * A vehicle in any other mode is in the hands of its pilot or of its own failsafe, and is left alone. PX4's
   own ways into HOLD are not a pilot's: when the setpoints stop, and at the end of its take-off.
 * A companion heard over MAVLink, or surveying agents that still count the drone in, tell that the agent lives
@@ -103,7 +104,7 @@ class OrphanKeeper:
 
     def step(self, now_s: float, fleet: FleetView) -> list[ModeChange]:
         requests = []
-        for drone in fleet.drones():
+        for drone in filter(fleet.is_member, fleet.drones(now_s)):
             vehicle = fleet.vehicle(drone)
             case = self._cases.get(drone)
             if vehicle is None or vehicle.age_s(now_s) > HEARTBEAT_LOST_S:
@@ -142,6 +143,9 @@ class OrphanKeeper:
     ) -> ModeChange | None:
         if not vehicle.armed:
             self._close(drone, "on the ground, disarmed")
+            return None
+        if vehicle.crash:  # a wreck is not sent anywhere: its propellers would turn
+            self._close(drone, "it has crashed: left alone")
             return None
         if vehicle.in_mode(case.duty):
             if case.step is Step.ASKING:
@@ -202,9 +206,10 @@ class OrphanKeeper:
         wait_s = FAST_REPEAT_S if case.sent < FAST_REPEATS else SLOW_REPEAT_S
         if case.sent_s is not None and now_s - case.sent_s < wait_s:
             return None
-        if vehicle.flavour is Flavour.UNKNOWN:
+        if vehicle.mode_table is Flavour.UNKNOWN:
             if case.excused != "flavour":
-                self._say(drone, Severity.CRITICAL, "neither ArduPilot nor PX4: it cannot be commanded")
+                text = "no multicopter of ArduPilot or PX4: it cannot be commanded"
+                self._say(drone, Severity.CRITICAL, text)
                 case.excused = "flavour"
             return None
         if case.sent >= REFUSALS_UNTIL_LANDING and case.duty is Duty.RETURN:

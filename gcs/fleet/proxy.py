@@ -54,8 +54,13 @@ class CommandProxy:
             if vehicle is None or vehicle.age_s(now_s) > HEARTBEAT_LOST_S or self._hears(now_s, fleet, drone):
                 continue
             errand = _Errand(drone, duty, now_s)
-            reason = _reason_against(now_s, vehicle, duty, named=command.target != 0)
-            if reason:
+            obeyed = _obeyed_already(vehicle)
+            reason = "it is no member of this swarm: the ground station does not command it"
+            if fleet.is_member(drone):
+                reason = _reason_against(now_s, vehicle, duty, named=command.target != 0)
+            if fleet.is_member(drone) and obeyed:
+                errand.outcome = CommandOutcome(command.identity, drone, Result.ACCEPTED, obeyed)
+            elif reason:
                 errand.outcome = CommandOutcome(command.identity, drone, Result.REFUSED, reason)
             elif not vehicle.in_mode(duty):
                 keeper.command(now_s, drone, duty)
@@ -79,12 +84,17 @@ class CommandProxy:
         return agent is not None and agent.age_s(now_s) <= self._agent_silent_s
 
 
+def _obeyed_already(vehicle: Component) -> str:
+    """Why the vehicle needs no bringing down, as its agent would answer; empty where it does."""
+    if vehicle.crash:
+        return "its agent is silent and its vehicle has crashed"
+    return "" if vehicle.armed else "its agent is silent and its vehicle is on the ground, disarmed"
+
+
 def _reason_against(now_s: float, vehicle: Component, duty: Duty, *, named: bool) -> str:
     """Why the ground station does not take this vehicle; empty when it does."""
-    if not vehicle.armed:
-        return "its agent is silent and its vehicle is disarmed"
     if not vehicle.airborne(now_s):
-        return "its agent is silent and its vehicle is on the ground"
+        return "its agent is silent and its vehicle is on the ground, armed"
     if named or vehicle.in_mode(Duty.CONTROL) or vehicle.in_mode(duty):
         return ""
     return (

@@ -1,7 +1,7 @@
 """Vehicles as their autopilots describe them over MAVLink, on any of the station's links.
 
 All state is kept by (link, system, component): two links of one vehicle may say different things, and the fresher
-one speaks. What a component is, its own heartbeat says.
+one speaks. What a component is, its ids and its own heartbeat say.
 """
 
 from __future__ import annotations
@@ -17,6 +17,10 @@ from flightstack.mavlink.vehicle_state import Role, VehicleState
 from mission.geometry.frames import LocalFrame
 
 _TEXTS_KEPT: Final = 100
+_COMPONENTS_KEPT: Final = 512
+"""More than any radio carries: a fault that makes up sources must not fill the memory."""
+_AGENT: Final = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
+"""The component that agents are (`flightstack.autopilot.session`)."""
 
 
 class Source(NamedTuple):
@@ -72,8 +76,16 @@ class Vehicles:
         component = self.components.get(source)
         if component is None:
             component = self.components[source] = Component(source, self._frame)
+            while len(self.components) > _COMPONENTS_KEPT:
+                self._forget_one(component)
         component.accept(now_s, message)
         return component
+
+    def _forget_one(self, newest: Component) -> None:
+        """Of those that are no autopilots, else of all, the one whose heartbeat came longest ago."""
+        others = (c for c in self.components.values() if c is not newest)
+        victim = min(others, key=lambda c: (c.role is Role.AUTOPILOT, c.heartbeat_s or -math.inf))
+        del self.components[victim.source]
 
     def autopilots(self) -> list[Component]:
         return [c for c in self.components.values() if c.role is Role.AUTOPILOT]
@@ -88,10 +100,11 @@ class Vehicles:
         return max(heard, key=lambda c: c.heartbeat_s or 0.0, default=None)
 
     def companion_age_s(self, system: int, now_s: float) -> float:
-        """Since a companion computer of this vehicle was heard over MAVLink (autopilots forward it)."""
+        """Since the agent of this vehicle was heard over MAVLink (autopilots forward it). Other programs on its
+        companion say nothing about the agent's life."""
         ages = [
             c.age_s(now_s)
             for c in self.components.values()
-            if c.source.system == system and c.role is Role.COMPANION
+            if c.source.system == system and c.source.component == _AGENT and c.role is Role.COMPANION
         ]
         return min(ages, default=math.inf)

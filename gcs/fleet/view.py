@@ -16,7 +16,7 @@ import msgspec
 from flightstack.mavlink.codec import MavlinkMessage
 from flightstack.mavlink.vehicle_state import HEARTBEAT_LOST_S, Role
 from flightstack.swarm import topics
-from flightstack.swarm.admission import Admission, Message, Refusal, RefusalKind
+from flightstack.swarm.admission import ANYBODY, Admission, Message, Refusal, RefusalKind
 from flightstack.swarm.topics import Received
 from flightstack.swarm.wire import (
     Command,
@@ -29,11 +29,15 @@ from flightstack.swarm.wire import (
 )
 from gcs.fleet.agents import HeardAgent
 from gcs.fleet.vehicles import Component, Vehicles
+from mission.documents.printable import printable
 from mission.geometry.frames import LocalFrame, Vector3
 
 Health: TypeAlias = Literal["live", "silent", "never"]
 _EVENTS_KEPT = 50
 _COMMANDS_KEPT = 64
+_SENDERS_KEPT = 64
+FOREIGN_SHOWN_S = 10.0
+"""Who is no member is shown while it is heard, and for this long afterwards."""
 
 
 class Garbled(msgspec.Struct, frozen=True):
@@ -75,11 +79,15 @@ class DroneRow(msgspec.Struct, frozen=True, kw_only=True):
     slot: int | None
     parent: int | None
     healing: bool
+    crash: str
+    """How it crashed, empty if it did not."""
     heals: int
     restarts: int
     late_tick_fraction: float
     frame_matches: bool
     notes: tuple[str, ...]
+    storage: str
+    """Why the drone's flight is not recorded; empty when it is, or when nobody says."""
 
 
 class Asked(msgspec.Struct):
@@ -106,16 +114,46 @@ class FleetView:
         self.events: deque[tuple[float, Event]] = deque(maxlen=_EVENTS_KEPT)
         self.asked: dict[str, Asked] = {}
         self.garbled: dict[str, Garbled] = {}
+        self.storage = ""
+        """Why the running station does not record; empty when it does."""
+        self.rivals: dict[str, tuple[str, float]] = {}
+        """Ground stations that pass for ours, by what is the same: what to tell, and when it was heard last."""
         self.report: GroundReport | None = None
         """The newest report of a running ground station (heard by displays)."""
         self.report_s: float | None = None
 
-    def drones(self) -> list[int]:
-        """Members in their order, then everybody else who was heard."""
-        heard = set(self.agents) | self.vehicles.systems()
+    def is_member(self, drone: int) -> bool:
+        """Whether the drone is one of ours. Where the members are not known, every agent's is."""
+        return drone in (self.members or self.agents)
+
+    def drones(self, now_s: float) -> list[int]:
+        """Members in their order, then everybody else who is heard."""
+        others = set(self.agents) | self.vehicles.systems()
         if self.report is not None:
-            heard |= {vehicle.drone for vehicle in self.report.vehicles}
-        return [*self.members, *sorted(heard - set(self.members))]
+            others |= {vehicle.drone for vehicle in self.report.vehicles}
+        others.difference_update(self.members)
+        heard = (d for d in others if self.is_member(d) or self._heard_age_s(d, now_s) <= FOREIGN_SHOWN_S)
+        return [*self.members, *sorted(heard)]
+
+    def _heard_age_s(self, drone: int, now_s: float) -> float:
+        """Since anything was heard of a drone."""
+        agent, vehicle = self.agents.get(drone), self.heard_vehicle(drone, now_s)
+        ages_s = (
+            math.inf if agent is None else agent.age_s(now_s),
+            math.inf if vehicle is None else vehicle.age_s,
+        )
+        return min(ages_s)
+
+    def crash(self, drone: int, now_s: float) -> str:
+        """How and where it crashed: as its agent says, else as its autopilot's messages tell; empty if it did not."""
+        agent, vehicle = self.agents.get(drone), self.heard_vehicle(drone, now_s)
+        told = agent.state.crash if agent is not None and agent.state is not None else ""
+        if told or vehicle is None or not vehicle.crash:
+            return told
+        if vehicle.position_ned_m is None or self.frame is None:
+            return f"{vehicle.crash}; it is not known where"
+        place = self.frame.to_geodetic(vehicle.position_ned_m)
+        return f"{vehicle.crash}, at {place.latitude_deg:.6f}, {place.longitude_deg:.6f}"
 
     def agent(self, drone: int) -> HeardAgent:
         agent = self.agents.get(drone)
@@ -140,6 +178,7 @@ class FleetView:
                 component.home_ned_m,
                 component.battery_fraction,
                 component.age_s(now_s),
+                component.crash,
             )
         if self.report is None or self.report_s is None:
             return None
@@ -165,7 +204,7 @@ class FleetView:
         if isinstance(message, Refusal):
             shown = self._shown(message)
             if shown is None:
-                self._refused(now_s, received.sender, message)
+                self._refused(now_s, printable(received.sender), message)
                 return None
             message = shown
         match message:
@@ -173,7 +212,8 @@ class FleetView:
                 self.agent(message.sender).receive_state(now_s, message)
             case TreeState():
                 agent = self.agent(message.sender)
-                agent.tree, agent.tree_s = message, now_s
+                if agent.incarnations.speaks(message.incarnation):
+                    agent.tree, agent.tree_s = message, now_s
             case Event():
                 self.events.append((now_s, message))
             case Command():
@@ -191,20 +231,23 @@ class FleetView:
         """The state of a drone that no member of the swarm believes, for it is of another swarm or in another frame:
         a person must see that it is there, and what is wrong with it."""
         foreign = refusal.kind in (RefusalKind.STRANGER, RefusalKind.FOREIGN_FRAME)
-        return refusal.message if foreign and isinstance(refusal.message, DroneState) else None
+        state = refusal.message if foreign else None
+        return state if isinstance(state, DroneState) and state.sender in ANYBODY else None
 
     def _refused(self, now_s: float, sender: str, refusal: Refusal) -> None:
         """Remember for an alarm what a node says wrong; of strangers and foreign frames their states tell already."""
         if refusal.kind in (RefusalKind.STRANGER, RefusalKind.FOREIGN_FRAME):
             return
-        before = self.garbled.get(sender)
+        before = self.garbled.pop(sender, None)
         self.garbled[sender] = Garbled(before.count + 1 if before else 1, refusal.reason, now_s)
+        while len(self.garbled) > _SENDERS_KEPT:
+            del self.garbled[next(iter(self.garbled))]
 
     def _command(self, now_s: float, command: Command) -> None:
         if command.identity in self.asked:
             return
-        addressed = self.drones() if command.target == 0 else [command.target]
-        live = {drone for drone in addressed if self.agent_live(drone, now_s)}
+        addressed = self.drones(now_s) if command.target == 0 else [command.target]
+        live = {d for d in addressed if self.is_member(d) and self.agent_live(d, now_s)}
         self.asked[command.identity] = Asked(command, now_s, live)
         while len(self.asked) > _COMMANDS_KEPT:
             del self.asked[next(iter(self.asked))]
@@ -260,11 +303,11 @@ class FleetView:
     def flying(self, drone: int, now_s: float) -> bool:
         """Whether the drone is in the air, as far as anybody last said."""
         newest = self.newest(drone, now_s)
-        return newest is not None and newest.airborne
+        return newest is not None and newest.airborne and not self.crash(drone, now_s)
 
     def rows(self, now_s: float) -> list[DroneRow]:
         """The whole fleet, one row a drone, for displays and programs."""
-        return [self._row(drone, now_s) for drone in self.drones()]
+        return [self._row(drone, now_s) for drone in self.drones(now_s)]
 
     def _row(self, drone: int, now_s: float) -> DroneRow:
         agent = self.agents.get(drone) or HeardAgent(drone)
@@ -306,11 +349,13 @@ class FleetView:
             slot=state.slot if state is not None else None,
             parent=state.parent if state is not None else None,
             healing=state.healing if state is not None else False,
+            crash=self.crash(drone, now_s),
             heals=agent.tree.heals if agent.tree is not None else 0,
-            restarts=agent.restarts,
+            restarts=agent.incarnations.restarts,
             late_tick_fraction=agent.late_fraction(),
             frame_matches=self.frame_matches(drone),
             notes=state.notes if state is not None and live else (),
+            storage=state.storage if state is not None and live else "",
         )
 
 

@@ -1,23 +1,25 @@
-"""Transactions with one vehicle's autopilot over MAVSDK: plans, fences, parameters.
-
-MAVSDK is imported when a vehicle is opened and not before: the drones do not have it.
-"""
+"""Transactions with one vehicle's autopilot: plans, fences, rally points, parameters."""
 
 from __future__ import annotations
 
-import asyncio
-import concurrent.futures
 import contextlib
-import logging
 import math
 import re
-import time
-from collections.abc import AsyncIterator, Awaitable, Sequence
-from typing import Any, TypeVar
+from collections.abc import AsyncIterator, Mapping, Sequence
+from typing import Final
 
-from flightstack.mavlink.link import open_link
+import msgspec
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from flightstack.mavlink.codec import MavlinkMessage
+from flightstack.mavlink.exchanges import Answer, ParameterExchange, ParameterQuery
 from flightstack.mavlink.modes import Flavour
+from flightstack.mavlink.parameter_list import ParameterList
+from flightstack.mavlink.parameter_values import ParameterValue
+from flightstack.mavlink.statustext import StatusText
 from gcs.errors import GroundError
+from gcs.plans.clear_exchange import ClearExchange
+from gcs.plans.list_transfers import KINDS, ListRefusedError, ListTransfers, result_name
 from gcs.plans.mission_items import (
     FenceAction,
     Item,
@@ -30,269 +32,329 @@ from gcs.plans.mission_items import (
     rally_items,
     rally_points,
 )
-from mission.documents.plan_file import Plan
+from gcs.plans.nearness import nearness_warnings
+from gcs.plans.vehicle_link import VehicleError, VehicleLink, find_vehicle, open_links
+from mission.documents.flight_plan import Plan
 from mission.geometry.geofence import Geofence
 
-log = logging.getLogger("gcs.mavsdk")
+MISSION: Final = mavlink.MAV_MISSION_TYPE_MISSION
+FENCE: Final = mavlink.MAV_MISSION_TYPE_FENCE
+RALLY: Final = mavlink.MAV_MISSION_TYPE_RALLY
+LISTENED_S: Final = 1.2
+"""After every upload: PX4 accepts a list and says within a second that it will not fly it."""
+_WARNING: Final = mavlink.MAV_SEVERITY_WARNING
+_ABOUT_LISTS: Final = re.compile(
+    r"mission|waypoint|geofence|rally|take.?off|land(ing)? (start|pattern)", re.IGNORECASE
+)
+_ABOUT_MISSIONS: Final = re.compile(r"mission|waypoint", re.IGNORECASE)
 
-DISCOVERY_S = 8.0
-FLAVOUR_S = 3.0
-_FLAVOURS = {"PX4": Flavour.PX4, "ARDUPILOT": Flavour.ARDUPILOT}
-_T = TypeVar("_T")
-_SERIAL = re.compile(r"(?P<port>/\S+?|COM\d+),(?P<baud>\d+)")
+
+class Uploaded(msgspec.Struct, frozen=True):
+    """What an upload has done besides sending what it was given."""
+
+    parameters: dict[str, float] = {}
+    """With which a fence acts."""
+    notes: tuple[str, ...] = ()
+    """What was cleared, and what the vehicle keeps."""
+    warnings: tuple[str, ...] = ()
+    """What the autopilot said of it, and what an operator must know of the place."""
 
 
-class VehicleError(GroundError):
-    """The autopilot did not answer, or would not."""
-
-
-def check_parameter(name: str, value: float = 0.0) -> None:
-    """`GroundError` for what no autopilot has; before one is looked for."""
+def check_parameter(name: str, value: float = 0.0) -> str:
+    """The name as autopilots write it; `GroundError` for what none has, before one is looked for."""
     if not re.fullmatch(r"[A-Za-z0-9_]{1,16}", name):
         raise GroundError(f"parameter {name!r}: a name has 1 to 16 letters, digits and underscores")
     if not math.isfinite(value):
         raise GroundError(f"parameter {name}: {value} is no value")
-
-
-def mavsdk_url(link: str) -> str:
-    """A link as pymavlink writes it in MAVSDK's words."""
-    kinds = {"udpin": "udpin", "udp": "udpin", "udpout": "udpout", "tcp": "tcpout", "tcpin": "tcpin"}
-    kind, _, rest = link.partition(":")
-    if kind in kinds and re.fullmatch(r"\S+:\d+", rest):
-        return f"{kinds[kind]}://{rest}"
-    serial = _SERIAL.fullmatch(link)
-    if serial:
-        return f"serial://{serial['port']}:{serial['baud']}"
-    raise GroundError(f"link {link!r}: write udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or PATH,BAUD")
+    return name.upper()
 
 
 @contextlib.asynccontextmanager
 async def open_vehicle(links: Sequence[str], drone: int, system: int) -> AsyncIterator[Vehicle]:
     """Find drone `drone` on the links, as ground station `system`. `GroundError` says what is missing."""
+    opened = open_links(links)
     try:
-        import mavsdk
-        from mavsdk.asyncio import Configuration, Mavsdk, MavsdkConnectionError
-    except ImportError as error:
-        raise GroundError(
-            "this command needs MAVSDK, which is not installed: pip install 'flightstack[ground]'"
-        ) from error
-    mavsdk.log_subscribe(_to_log)
-    # Each call of MAVSDK blocks a thread; the default pool is small on small computers.
-    loop = asyncio.get_running_loop()
-    loop.set_default_executor(concurrent.futures.ThreadPoolExecutor(8, thread_name_prefix="mavsdk"))
-    client = Mavsdk(Configuration.create_manual(system, 190, True))
-    try:
-        for link in links:
-            _check(link)
-            try:
-                await client.add_any_connection(mavsdk_url(link))
-            except MavsdkConnectionError as error:
-                problem = str(error) or "cannot be opened"
-                raise GroundError(
-                    f"link {link}: {problem}; if a ground station is running on it, stop it or give another --link"
-                ) from error
-        found = await _find(client, drone, links)
-        yield Vehicle(found, drone, await _flavour(found, drone))
+        vehicle = Vehicle(await find_vehicle(opened, drone, system), system)
+        try:
+            yield vehicle
+        finally:
+            vehicle.close()
     finally:
-        client.destroy()
-
-
-def _check(link: str) -> None:
-    """Open and close a link ourselves first: MAVSDK shares a UDP port silently with who already has it, and the
-    vehicle's answers then go to either; and its words for an absent serial port are less clear than ours."""
-    if not link.startswith(("tcp:", "udpout:")):
-        open_link(link).close()
-
-
-def _to_log(level: int, message: str, file: str | None, line: int) -> bool:
-    """MAVSDK's own chatter goes to our log instead of standard output."""
-    log.log(logging.DEBUG if level < 2 else logging.INFO, "%s (%s:%s)", message, file, line)
-    return True
-
-
-async def _find(client: Any, drone: int, links: Sequence[str]) -> Any:
-    deadline = time.monotonic() + DISCOVERY_S
-    heard: set[int] = set()
-    while time.monotonic() < deadline:
-        for system in await client.get_systems():
-            number = await system.get_system_id()
-            if await system.has_autopilot():
-                heard.add(number)
-                if number == drone:
-                    return system
-        await asyncio.sleep(0.1)
-    others = f"; heard there: {', '.join(map(str, sorted(heard)))}" if heard else "; nobody else either"
-    raise VehicleError(f"drone {drone}: its autopilot is not heard on {', '.join(links)}{others}")
-
-
-async def _flavour(system: Any, drone: int) -> Flavour:
-    """Which autopilot it is. MAVSDK knows a little after it has found it, and writes parameters as it demands."""
-    deadline = time.monotonic() + FLAVOUR_S
-    while True:
-        kind = str((await system.autopilot_type()).name)
-        if kind in _FLAVOURS:
-            return _FLAVOURS[kind]
-        if time.monotonic() > deadline:
-            raise VehicleError(f"drone {drone}: neither an ArduPilot nor a PX4 (MAVSDK says {kind.lower()})")
-        await asyncio.sleep(0.05)
+        for link in opened:
+            link.close()
 
 
 class Vehicle:
     """One vehicle's autopilot. Every method raises `VehicleError` with the autopilot's own reason."""
 
-    def __init__(self, system: Any, drone: int, flavour: Flavour) -> None:
-        from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
-        from mavsdk.asyncio.plugins.param import ParamAsync
+    def __init__(self, link: VehicleLink, system: int) -> None:
+        self.drone = link.drone
+        self.flavour = link.flavour
+        self._link = link
+        self._system = system
+        self._lists: ListTransfers | None = None
 
-        self.drone = drone
-        self.flavour = flavour
-        self._mission = MissionRawAsync(system)
-        self._param = ParamAsync(system)
+    def close(self) -> None:
+        if self._lists is not None:
+            self._lists.close()
+
+    def expect_disarmed(self, *, force: bool) -> None:
+        """`VehicleError` for an armed vehicle: what it may be flying by is not taken from it without `force`."""
+        if self._link.state.armed and not force:
+            raise VehicleError(
+                f"drone {self.drone}: it is armed; nothing was removed (--force does it nevertheless)"
+            )
 
     # -- plans and fences ----------------------------------------------------------------------------------
 
-    async def upload_plan(self, plan: Plan) -> int:
-        """Upload the mission and the rally points and read the mission back; returns its number of items."""
-        items = mission_items(plan, self.flavour)
-        await self._ask("mission upload", self._mission.upload_mission(_raw(items)))
-        read = _own(await self._ask("mission download", self._mission.download_mission()))
-        first = 1 if self.flavour is Flavour.ARDUPILOT else 0  # home reads back as the vehicle's own
-        self._verify("mission", differences(items[first:], read[first:]))
-        if plan.rally:
-            points = rally_items(plan.rally)
-            await self._ask("rally upload", self._mission.upload_rally_points(_raw(points)))
-            read = _own(await self._ask("rally download", self._mission.download_rallypoints()))
-            self._verify("rally points", differences(points, read))
-        return len(plan.items)
+    async def upload_plan(self, plan: Plan, action: FenceAction, *, clear_fence: bool = False) -> Uploaded:
+        """Upload what the plan has, and read it back.
+
+        A mission and rally points that the plan speaks of and has not are cleared. A fence is not removed unless
+        `clear_fence`: it may be all that keeps the vehicle out of something. Fence first: PX4 holds every mission
+        against the fence that it has.
+        """
+        told, sent = Uploaded(), []
+        try:
+            if plan.geofence is not None:
+                follows = bool(plan.items)
+                told = _together(
+                    told, await self.upload_fence(plan.geofence, action, mission_follows=follows)
+                )
+                sent.append(KINDS[FENCE])
+            else:
+                told = _together(told, await (self.clear(FENCE) if clear_fence else self.kept(FENCE)))
+            mission = mission_items(plan, self.flavour) if plan.items else []
+            for kind, part, items in (
+                (MISSION, "mission", mission),
+                (RALLY, "rally", rally_items(plan.rally)),
+            ):
+                if items:
+                    told = _together(told, await self._send(kind, items))
+                    sent.append(KINDS[kind])
+                else:
+                    speaks_of_it = part in plan.holds
+                    told = _together(told, await (self.clear(kind) if speaks_of_it else self.kept(kind)))
+        except VehicleError as error:
+            if not sent:
+                raise
+            raise VehicleError(f"{error}; sent before it: {', '.join(sent)}") from error
+        return told
+
+    async def upload_fence(
+        self, fence: Geofence, action: FenceAction, *, mission_follows: bool = False
+    ) -> Uploaded:
+        """Upload the fence, read it back, and set and read back what makes the autopilot heed it.
+
+        `mission_follows`: what PX4 says of the mission that it still has is of no interest.
+        """
+        present = {}
+        if self.flavour is not Flavour.PX4:
+            several = len(fence.inclusion) + len(fence.inclusion_circles) > 1
+            names = ("FENCE_TYPE", "FENCE_OPTIONS") if several else ("FENCE_TYPE",)
+            present = {name: (await self.parameter(name)).value for name in names}
+        wanted = fence_parameters(fence, action, self.flavour, present)
+        told = await self._send(FENCE, fence_items(fence), mission_follows=mission_follows)
+        try:
+            for name, value in wanted.items():
+                await self.set_parameter(name, value)
+        except VehicleError as error:
+            raise VehicleError(f"{error}; the fence was sent, and may not act") from error
+        return msgspec.structs.replace(told, parameters=wanted)
+
+    async def place_warnings(self, plan: Plan) -> tuple[str, ...]:
+        """Whether the plan is far from the vehicle, or the vehicle outside of its fence."""
+        where = await self._link.whereabouts()
+        return () if where is None else tuple(nearness_warnings(plan, where))
 
     async def download_plan(self) -> Plan:
         """Mission, geofence and rally points as the vehicle holds them."""
-        mission = _own(await self._ask("mission download", self._mission.download_mission()))
-        fence = _own(await self._ask("fence download", self._mission.download_geofence()))
-        rally = _own(await self._ask("rally download", self._mission.download_rallypoints()))
-        items, home = plan_items(mission, self.flavour)
-        try:
-            geofence = fence_of(fence)
-        except ValueError as error:
-            raise VehicleError(f"drone {self.drone}: {error}") from error
+        items, home = plan_items(await self._lists_of().download(MISSION), self.flavour)
         return Plan(
             items=items,
             home=home,
-            geofence=geofence,
-            rally=rally_points(rally),
+            geofence=await self.download_fence(),
+            rally=rally_points(await self._held(RALLY)),
             firmware_type=3 if self.flavour is Flavour.ARDUPILOT else 12,
         )
 
-    async def upload_fence(self, fence: Geofence, action: FenceAction) -> dict[str, float]:
-        """Upload the fence, read it back, and set what makes the autopilot heed it; returns those parameters."""
-        items = fence_items(fence)
-        await self._ask("fence upload", self._mission.upload_geofence(_raw(items)))
-        read = _own(await self._ask("fence download", self._mission.download_geofence()))
-        self._verify("fence", differences(items, read))
-        present = {}
-        if self.flavour is not Flavour.PX4:
-            present = {name: await self.parameter(name) for name in ("FENCE_TYPE", "FENCE_OPTIONS")}
-        wanted = fence_parameters(fence, action, self.flavour, present)
-        for name, value in wanted.items():
-            await self.set_parameter(name, value)
-        return wanted
+    async def download_fence(self) -> Geofence | None:
+        try:
+            return fence_of(await self._held(FENCE))
+        except ValueError as error:
+            raise VehicleError(f"drone {self.drone}: {error}") from error
 
-    def _verify(self, what: str, problems: list[str]) -> None:
+    async def clear(self, kind: int) -> Uploaded:
+        """Remove a list, and read that it is gone. Nothing is sent if the vehicle holds none."""
+        held = await self._held(kind)
+        if not held:
+            return Uploaded()
+        exchange = ClearExchange(kind)
+        await self._link.ask(exchange, exchange.hears)
+        what = KINDS[kind]
+        if exchange.answer is not Answer.ACCEPTED:
+            reason = "no answer" if exchange.result is None else result_name(exchange.result)
+            raise VehicleError(
+                f"drone {self.drone}: clearing the {what}: {reason}; it keeps {_count(kind, held)}"
+            )
+        rest = await self._held(kind)
+        if rest:
+            raise VehicleError(
+                f"drone {self.drone}: the {what} was cleared, and it still holds {_count(kind, rest)}"
+            )
+        notes = [f"cleared {_count(kind, held)}"]
+        if kind == FENCE and self.flavour is Flavour.ARDUPILOT:
+            enabled, types = await self.parameter("FENCE_ENABLE"), await self.parameter("FENCE_TYPE")
+            if enabled.value:
+                notes.append(
+                    f"its circle and altitude fences act on: FENCE_ENABLE 1, FENCE_TYPE {types.value:.0f}"
+                )
+        return Uploaded(notes=tuple(notes))
+
+    async def kept(self, kind: int) -> Uploaded:
+        """What the vehicle keeps of this kind, as a note."""
+        held = await self._held(kind)
+        how = "; --clear-fence removes it" if kind == FENCE else ""
+        return Uploaded(notes=(f"it keeps {_count(kind, held)}{how}",)) if held else Uploaded()
+
+    async def _send(self, kind: int, items: Sequence[Item], *, mission_follows: bool = False) -> Uploaded:
+        """Upload one list that is not empty, hear what is said of it, read it back."""
+        self._link.state.new_texts.clear()
+        what = KINDS[kind]
+        try:
+            await self._lists_of().upload(kind, items)
+        except ListRefusedError as error:
+            said = "; ".join(text.text for text in await self._warnings())
+            at = "" if error.refused is None else f" at {self._named(kind, error.refused, items)}"
+            reason = f"{error} ({said})" if said else str(error)
+            now = await self._holds_now(kind, items)
+            raise VehicleError(f"drone {self.drone}: {what} refused{at}: {reason}; {now}") from error
+        said_of_it = await self._warnings()
+        if mission_follows:
+            said_of_it = [text for text in said_of_it if not _ABOUT_MISSIONS.search(text.text)]
+        refusals = [text.text for text in said_of_it if _ABOUT_LISTS.search(text.text)]
+        if self.flavour is Flavour.PX4 and refusals:
+            now = await self._holds_now(kind, items)
+            raise VehicleError(f"drone {self.drone}: {what} refused: {'; '.join(refusals)}; {now}")
+        read = await self._lists_of().download(kind)
+        first = self._first(kind)  # home reads back as the vehicle's own
+        problems = differences(items[first:], read[first:])
         if problems:
             raise VehicleError(f"drone {self.drone}: the {what} read back differs: {problems[0]}")
+        return Uploaded(warnings=tuple(f"it says: {text.text}" for text in said_of_it))
+
+    async def _warnings(self) -> list[StatusText]:
+        return [text for text in await self._link.texts(LISTENED_S) if text.severity <= _WARNING]
+
+    def _first(self, kind: int) -> int:
+        """Index of a list's first item of our own: ArduPilot's item 0 of a mission is home."""
+        return int(kind == MISSION and self.flavour is Flavour.ARDUPILOT)
+
+    async def _held(self, kind: int) -> list[Item]:
+        """The vehicle's list, without home."""
+        return (await self._lists_of().download(kind))[self._first(kind) :]
+
+    def _named(self, kind: int, item: Item, items: Sequence[Item]) -> str:
+        number = item.seq - self._first(kind) + 1
+        last = ", the last" if item is items[-1] else ""
+        return f"item {number} (seq {item.seq}, {_command_name(item.command)}{last})"
+
+    async def _holds_now(self, kind: int, sent: Sequence[Item]) -> str:
+        """What the vehicle has after an upload that it did not take, for a person."""
+        held, ours = await self._held(kind), sent[self._first(kind) :]
+        same = next((n for n, (a, b) in enumerate(zip(ours, held, strict=False)) if _differ(a, b)), None)
+        if same is None:
+            same = min(len(ours), len(held))
+        if not held:
+            return f"it holds no {KINDS[kind]} now"
+        if same == len(ours) == len(held):
+            return f"it holds all {same} items now: do not fly them"
+        of_ours = (
+            f"the first {same} of this file and {len(held) - same} others" if same else "none of this file"
+        )
+        return f"it holds {_count(kind, held)} now, {of_ours}: upload what it takes before it flies"
+
+    def _lists_of(self) -> ListTransfers:
+        if self._lists is None:
+            self._lists = ListTransfers(self._link, self._system)
+        return self._lists
 
     # -- parameters ----------------------------------------------------------------------------------------
 
-    async def parameter(self, name: str) -> float:
-        value, _ = await self._typed(name)
-        return value
+    async def parameter(self, name: str) -> ParameterValue:
+        query = ParameterQuery(name)
 
-    async def set_parameter(self, name: str, value: float) -> None:
-        """Set a parameter and read it back."""
-        _, is_integer = await self._typed(name)
-        if is_integer and value != int(value):
-            raise VehicleError(f"drone {self.drone}: {name} is an integer, {value} is not")
-        if is_integer:
-            await self._ask(f"setting {name}", self._param.set_param_int(name, int(value)))
-        else:
-            await self._ask(f"setting {name}", self._param.set_param_float(name, float(value)))
-        now = await self.parameter(name)
-        if abs(now - value) > 1e-6 * max(1.0, abs(value)):
-            raise VehicleError(f"drone {self.drone}: {name} is {now:g} after it was set to {value:g}")
+        def hears(_now_s: float, message: MavlinkMessage) -> None:
+            if message.kind == mavlink.MAVLINK_MSG_ID_PARAM_VALUE:
+                query.value(self.flavour, message.fields)
+            elif message.kind == mavlink.MAVLINK_MSG_ID_PARAM_ERROR:
+                query.error(message.fields)
 
-    async def parameters(self) -> dict[str, float]:
-        everything = await self._ask("parameter list", self._param.get_all_params())
-        found = {p.name: float(p.value) for p in (*everything.int_params, *everything.float_params)}
-        if not found:
-            raise VehicleError(f"drone {self.drone}: it sent no parameters")
-        return dict(sorted(found.items()))
+        await self._link.ask(query, hears)
+        if query.answer is not Answer.ACCEPTED or query.kind is None:
+            raise VehicleError(f"drone {self.drone}: {query.reason}")
+        return ParameterValue(query.found, query.kind)
 
-    async def _typed(self, name: str) -> tuple[float, bool]:
-        """A parameter's value, and whether it is an integer to the vehicle."""
-        from mavsdk.plugins.param import ParamError, ParamResult
+    async def set_parameter(self, name: str, value: float) -> bool:
+        """Set a parameter and read it back; False: the vehicle held that value already.
 
-        try:
-            return float(await self._param.get_param_float(name)), False
-        except ParamError as error:
-            if error.result is not ParamResult.WRONG_TYPE:
-                silent = error.result is ParamResult.TIMEOUT
-                hint = " (ArduPilot answers an unknown parameter by silence)" if silent else ""
-                raise VehicleError(f"drone {self.drone}: {name}: {_reason(error)}{hint}") from error
-        return float(await self._ask(name, self._param.get_param_int(name))), True
+        `GroundError` for a value that the parameter's own type does not take: it is not sent.
+        """
+        exchange = ParameterExchange(name, value)
 
-    async def _ask(self, what: str, call: Awaitable[_T]) -> _T:
-        from mavsdk import MavsdkError
+        def hears(_now_s: float, message: MavlinkMessage) -> None:
+            if message.kind == mavlink.MAVLINK_MSG_ID_PARAM_VALUE:
+                exchange.value(self.flavour, message.fields)
+            elif message.kind == mavlink.MAVLINK_MSG_ID_PARAM_ERROR:
+                exchange.error(message.fields)
 
-        try:
-            return await call
-        except MavsdkError as error:
-            raise VehicleError(f"drone {self.drone}: {what}: {_reason(error)}") from error
+        await self._link.ask(exchange, hears)
+        if exchange.answer is not Answer.ACCEPTED:
+            kind = GroundError if exchange.is_impossible else VehicleError
+            raise kind(f"drone {self.drone}: {exchange.reason}")
+        return exchange.written
 
+    async def parameters(self) -> Mapping[str, ParameterValue]:
+        """All of them, by name."""
+        everything = ParameterList()
 
-def _reason(error: Any) -> str:
-    result = getattr(error, "result", None)
-    return str(result.name).lower().replace("_", " ") if result is not None else str(error)
+        def hears(now_s: float, message: MavlinkMessage) -> None:
+            if message.kind == mavlink.MAVLINK_MSG_ID_PARAM_VALUE:
+                everything.value(now_s, self.flavour, message.fields)
+
+        await self._link.ask(everything, hears)
+        if everything.answer is not Answer.ACCEPTED:
+            raise VehicleError(f"drone {self.drone}: {everything.reason}")
+        return dict(sorted(everything.found.items()))
 
 
-def _raw(items: Sequence[Item]) -> list[Any]:
-    from mavsdk.plugins.mission_raw import MissionItem
-
-    return [
-        MissionItem(
-            i.seq,
-            i.frame,
-            i.command,
-            i.current,
-            i.autocontinue,
-            i.param1,
-            i.param2,
-            i.param3,
-            i.param4,
-            i.x,
-            i.y,
-            i.z,
-            i.mission_type,
-        )
-        for i in items
-    ]
+def _together(one: Uploaded, other: Uploaded) -> Uploaded:
+    return Uploaded(
+        {**one.parameters, **other.parameters}, one.notes + other.notes, one.warnings + other.warnings
+    )
 
 
-def _own(items: Sequence[Any]) -> list[Item]:
-    return [
-        Item(
-            i.seq,
-            i.frame,
-            i.command,
-            i.param1,
-            i.param2,
-            i.param3,
-            i.param4,
-            i.x,
-            i.y,
-            i.z,
-            i.mission_type,
-            i.current,
-            i.autocontinue,
-        )
-        for i in items
-    ]
+def _differ(mine: Item, theirs: Item) -> bool:
+    return bool(differences([mine], [theirs]))
+
+
+def _command_name(command: int) -> str:
+    """ "NAV_WAYPOINT, command 16"."""
+    entry = mavlink.enums["MAV_CMD"].get(command)
+    number = f"command {command}"
+    return number if entry is None else f"{number} {entry.name.removeprefix('MAV_CMD_')}"
+
+
+def _count(kind: int, items: Sequence[Item]) -> str:
+    if kind == MISSION:
+        return f"a mission of {len(items)} items" if len(items) > 1 else "a mission of 1 item"
+    if kind == RALLY:
+        return f"{len(items)} rally points" if len(items) > 1 else "1 rally point"
+    with contextlib.suppress(ValueError):  # an incomplete polygon: then its items are counted
+        fence = fence_of(items)
+        if fence is not None:
+            areas = sum(
+                map(len, (fence.inclusion, fence.exclusion, fence.inclusion_circles, fence.exclusion_circles))
+            )
+            return f"a fence of {areas} areas" if areas > 1 else "a fence of 1 area"
+    return f"a fence of {len(items)} items"

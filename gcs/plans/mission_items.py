@@ -7,26 +7,24 @@ PX4 does not; unset parameters are NaN to PX4 and 0 to ArduPilot.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import msgspec
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.mavlink.modes import Flavour
-from mission.documents.plan_file import Plan, PlanItem
-from mission.geometry.frames import Geodetic
+from gcs.errors import GroundError
+from mission.documents.flight_plan import (
+    GLOBAL_FRAMES,
+    LOCAL_FRAMES,
+    MISSION_FRAME,
+    Plan,
+    PlanItem,
+    local_ned_m,
+)
+from mission.geometry.frames import Geodetic, LocalFrame
 from mission.geometry.geofence import Circle, Geofence, Vertex
 
-_GLOBAL_FRAMES = frozenset(
-    {
-        mavlink.MAV_FRAME_GLOBAL,
-        mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
-        mavlink.MAV_FRAME_GLOBAL_INT,
-        mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
-        mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT,
-        mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT,
-    }
-)
 ROUNDING_1E7 = 10
 """Read back, ArduPilot's coordinates are one or a few 1e-7 degrees off (1e-6 degrees are 11 cm)."""
 
@@ -51,20 +49,23 @@ class Item(msgspec.Struct, frozen=True):
 
 
 def mission_items(plan: Plan, flavour: Flavour) -> list[Item]:
-    """The plan's mission. For ArduPilot it begins with home, which the vehicle takes as item 0."""
+    """The plan's mission. For ArduPilot it begins with home, which the vehicle takes as item 0.
+
+    Items in local frames become places about home, since no autopilot takes them. `GroundError` without a home.
+    """
     items: list[Item] = []
     if flavour is Flavour.ARDUPILOT:
         home = plan.home or Geodetic(0.0, 0.0)
         x, y = _scaled((home.latitude_deg, home.longitude_deg))
-        items.append(
-            Item(0, mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_CMD_NAV_WAYPOINT, 0, 0, 0, 0, x, y, home.amsl_m, 0)
-        )
+        # Exactly one item of a list must be the current one: home itself where there is no other.
+        frame, command, current = mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_CMD_NAV_WAYPOINT, int(not plan.items)
+        items.append(Item(0, frame, command, 0, 0, 0, 0, x, y, home.amsl_m, 0, current=current))
     first = len(items)
     sequence = {item.jump_id: first + index for index, item in enumerate(plan.items) if item.jump_id}
     unset = math.nan if flavour is Flavour.PX4 else 0.0
-    for index, item in enumerate(plan.items):
+    for index, item in enumerate(_on_earth(plan)):
         params = [unset if value is None else value for value in item.params]
-        if item.command == mavlink.MAV_CMD_DO_JUMP:
+        if item.command == mavlink.MAV_CMD_DO_JUMP and item.params[0] is not None:
             params[0] = float(sequence.get(int(params[0]), int(params[0])))
         first_param, second, third, fourth = params[:4]
         x, y = _integers(item)
@@ -88,9 +89,32 @@ def mission_items(plan: Plan, flavour: Flavour) -> list[Item]:
     return items
 
 
+def _on_earth(plan: Plan) -> Iterator[PlanItem]:
+    """The plan's items, those in local frames as latitude, longitude and altitude over home."""
+    for item in plan.items:
+        if item.frame not in LOCAL_FRAMES:
+            yield item
+            continue
+        if plan.home is None:
+            raise GroundError(f"command {item.command} is in metres about home, and the plan says no home")
+        north_m, east_m, down_m = local_ned_m(item)
+        place = LocalFrame(plan.home).to_geodetic((north_m, east_m, down_m))
+        params = (*item.params[:4], place.latitude_deg, place.longitude_deg, -down_m)
+        frame = int(mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT)
+        yield msgspec.structs.replace(item, frame=frame, params=params)
+
+
 def _integers(item: PlanItem) -> tuple[int, int]:
     x, y = item.params[4] or 0.0, item.params[5] or 0.0
-    return _scaled((x, y)) if item.frame in _GLOBAL_FRAMES else (round(x), round(y))
+    scale = _scale(item.frame)
+    return round(x * scale), round(y * scale)
+
+
+def _scale(frame: int) -> float:
+    """What parameters 5 and 6 are multiplied by: https://mavlink.io/en/messages/common.html#MISSION_ITEM_INT."""
+    if frame in GLOBAL_FRAMES:
+        return 1e7
+    return 1.0 if frame == MISSION_FRAME else 1e4
 
 
 def _scaled(vertex: Vertex) -> tuple[int, int]:
@@ -109,14 +133,14 @@ def plan_items(items: Sequence[Item], flavour: Flavour) -> tuple[tuple[PlanItem,
 
 
 def _plan_item(item: Item, number: int) -> PlanItem:
-    scale = 1e-7 if item.frame in _GLOBAL_FRAMES else 1.0
+    scale = _scale(item.frame)
     values = (item.param1, item.param2, item.param3, item.param4)
     first, second, third, fourth = (None if math.isnan(value) else value for value in values)
     altitude = None if math.isnan(item.z) else item.z
     return PlanItem(
         command=item.command,
         frame=item.frame,
-        params=(first, second, third, fourth, item.x * scale, item.y * scale, altitude),
+        params=(first, second, third, fourth, item.x / scale, item.y / scale, altitude),
         auto_continue=bool(item.autocontinue),
         jump_id=number,
     )

@@ -15,6 +15,9 @@ import msgspec
 import yaml
 from msgspec import inspect
 
+from mission.documents import yaml_values
+from mission.documents.printable import printable
+
 T = TypeVar("T")
 _STEPS = re.compile(r"([^.\[\]]+)|\[(\d+)\]")
 """The steps of a field's path ("drones[2].link"): names and places in lists."""
@@ -25,99 +28,94 @@ class DocumentError(ValueError):
 
     def __init__(self, file: str, problem: str, *, line: int | None = None, field: str | None = None) -> None:
         place = file if line is None else f"{file}:{line}"
-        super().__init__(f"{place}: {field}: {problem}" if field else f"{place}: {problem}")
+        super().__init__(_visible(f"{place}: {field}: {problem}" if field else f"{place}: {problem}"))
         self.file = file
         self.line = line
         self.field = field
 
 
-class _Loader(yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader):  # type: ignore[misc]
-    """YAML that refuses a key given twice: the second would silently win."""
+def _visible(text: str) -> str:
+    """What a file says stands in its errors: control characters must not reach the terminal, nor a whole page."""
+    shown = printable(text)
+    return shown if len(shown) <= _LONGEST_LINE else f"{shown[: _LONGEST_LINE - 1]}…"
 
 
-def _mapping(loader: Any, node: yaml.MappingNode) -> dict[Any, Any]:
-    loader.flatten_mapping(node)
-    seen: dict[Any, int] = {}
-    for key_node, _ in node.value:
-        key = loader.construct_object(key_node, deep=True)
-        if not isinstance(key, str | int | float | bool):
-            raise yaml.constructor.ConstructorError(None, None, "a key must be a word", key_node.start_mark)
-        if key in seen:
-            raise yaml.constructor.ConstructorError(
-                None, None, f"the key {key!r} stands twice", key_node.start_mark
-            )
-        seen[key] = key_node.start_mark.line
-    return {
-        loader.construct_object(k, deep=True): loader.construct_object(v, deep=True) for k, v in node.value
-    }
-
-
-_LARGEST = 1e15
-"""Beyond it no number means anything here, and squares of it overflow. Whole numbers may have 64 bits."""
-
-
-def _float(loader: Any, node: yaml.ScalarNode) -> float:
-    value: float = loader.construct_yaml_float(node)
-    if not abs(value) <= _LARGEST:
-        raise yaml.constructor.ConstructorError(
-            None,
-            None,
-            f"{node.value} is no number to work with; leave the key out for its default",
-            node.start_mark,
-        )
-    return value
-
-
-def _int(loader: Any, node: yaml.ScalarNode) -> int:
-    value: int = loader.construct_yaml_int(node)
-    if not abs(value) < 1 << 63:
-        raise yaml.constructor.ConstructorError(None, None, "the number is too large", node.start_mark)
-    return value
-
-
-_Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping)
-_Loader.add_constructor("tag:yaml.org,2002:float", _float)
-_Loader.add_constructor("tag:yaml.org,2002:int", _int)
+_LONGEST_LINE = 600
+_LARGEST_BYTES = 16 << 20
+"""Larger than any file that a person writes, or a ground station for one."""
+_OTHERS = (
+    ((b"\xff\xfe", b"\xfe\xff"), "it is UTF-16 text, not UTF-8; save it as UTF-8"),
+    ((b"PK\x03\x04",), "it is a zip archive (a .kmz file is one); unpack it and give the file in it"),
+    ((b"\x1f\x8b",), "it is compressed; unpack it"),
+)
+"""First bytes of files that are no UTF-8 text, and what to do with them."""
 
 
 def read_text(path: str | pathlib.Path) -> str:
-    """The UTF-8 text of a file, without a byte order mark. `DocumentError` says why it cannot be read."""
+    """The UTF-8 text of a file, without a byte order mark, its lines ended by "\\n" alone.
+
+    `DocumentError` says why it cannot be read.
+    """
     try:
-        return pathlib.Path(path).read_text(encoding="utf-8-sig")
+        with pathlib.Path(path).open("rb") as file:
+            data = file.read(_LARGEST_BYTES + 1)
     except OSError as error:
         raise DocumentError(str(path), f"cannot be read: {error.strerror or error}") from error
+    except ValueError as error:  # a path with a zero byte in it
+        raise DocumentError(str(path), f"cannot be read: {error}") from error
+    if len(data) > _LARGEST_BYTES:
+        megabytes = _LARGEST_BYTES >> 20
+        raise DocumentError(
+            str(path), f"cannot be read: it is larger than {megabytes} MB, as no file of this kind is"
+        )
+    for starts, problem in _OTHERS:
+        if data.startswith(starts):
+            raise DocumentError(str(path), f"cannot be read: {problem}")
+    try:
+        text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise DocumentError(str(path), "cannot be read: it is not UTF-8 text") from error
+        line = data.count(b"\n", 0, error.start) + 1
+        raise DocumentError(str(path), "cannot be read: it is not UTF-8 text", line=line) from error
+    if "\0" in text:
+        raise DocumentError(str(path), "cannot be read: there are zero bytes in it; it is no text")
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def parse(text: str, kind: type[T], file: str) -> T:
     """Read YAML `text` (of the file named `file`) as a `kind`, a msgspec struct that forbids unknown fields."""
-    try:
-        raw = yaml.load(text, Loader=_Loader)  # noqa: S506 (a subclass of the safe loader)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        problem = getattr(error, "problem", None) or str(error).splitlines()[0]
-        raise DocumentError(file, problem, line=mark.line + 1 if mark else None) from error
-    except RecursionError as error:
-        raise DocumentError(file, "lists or mappings are nested too deeply") from error
-    except ValueError as error:  # a date without such a day, a number of thousands of digits
-        raise DocumentError(file, f"a value cannot be read: {error}") from error
+    raw = _loaded(text, file)
     if raw is None:
         raise DocumentError(file, "the file is empty")
     try:
         return msgspec.convert(raw, kind)
     except msgspec.ValidationError as error:
         problem, path = _split(str(error))
+        if "[...]" in path:
+            path = path.replace("[...]", f".{_entry(raw, kind, path, str(error))}", 1)
         if problem.startswith(("Invalid enum value", "Invalid value")) and (choices := _choices(kind, path)):
             problem += f"; write {' or '.join(choices)}"
         raise DocumentError(file, problem, line=line_of(text, path), field=path or None) from error
+
+
+def parse_value(text: str, where: str) -> Any:
+    """One value as an option of a command line gives it, read as files are; `where` stands in the errors."""
+    return _loaded(text, where)
+
+
+def _loaded(text: str, file: str) -> Any:
+    try:
+        return yaml_values.load(text)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        problem = getattr(error, "problem", None) or str(error).splitlines()[0]
+        raise DocumentError(file, problem, line=mark.line + 1 if mark else None) from error
 
 
 def fault_of(file: str, field: str, problem: str) -> DocumentError:
     """The error of what a file asks for and the machine has not, found when it was opened: with the field's line."""
     line = None
     with contextlib.suppress(OSError, ValueError, yaml.YAMLError):  # it has been changed since, or is no file
-        line = line_of(pathlib.Path(file).read_text(encoding="utf-8"), field)
+        line = line_of(read_text(file), field)
     return DocumentError(file, problem.removeprefix(f"{field}: "), line=line, field=field)
 
 
@@ -132,6 +130,26 @@ def _split(message: str) -> tuple[str, str]:
         path = f"{path}.{unknown[1]}" if path else unknown[1]
         problem = "unknown key; remove it or correct its spelling"
     return problem, path
+
+
+def _entry(raw: Any, kind: type, path: str, message: str) -> str:
+    """The key that msgspec leaves out of the path of a mapping's value ("autopilot.parameters[...]")."""
+    node = raw
+    for name, index in _STEPS.findall(path.partition("[...]")[0]):
+        if isinstance(node, dict):
+            node = node.get(name)
+        elif isinstance(node, list) and index and int(index) < len(node):
+            node = node[int(index)]
+    for key in list(node) if isinstance(node, dict) else ():
+        others = {one: node.pop(one) for one in list(node) if one != key}
+        try:
+            msgspec.convert(raw, kind)
+        except msgspec.ValidationError as error:
+            if str(error) == message:
+                return str(key)
+        finally:
+            node |= others
+    return "…"
 
 
 def _choices(kind: type, path: str) -> list[str]:
@@ -151,7 +169,7 @@ def _choices(kind: type, path: str) -> list[str]:
 
 def line_of(text: str, path: str) -> int | None:
     """The line (from 1) where the field `path` ("drones[2].link") stands in YAML `text`, or its nearest parent."""
-    node = yaml.compose(text, Loader=yaml.SafeLoader)
+    node = yaml_values.compose(text)
     line: int | None = None
     for name, index in _STEPS.findall(path):
         if isinstance(node, yaml.MappingNode) and name:

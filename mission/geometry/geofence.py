@@ -25,7 +25,7 @@ Vertex: TypeAlias = tuple[Latitude, Longitude]
 LocalPoint: TypeAlias = tuple[float, float]
 """(north_m, east_m) in a `LocalFrame`."""
 
-_WIDEST_M = 100_000.0
+WIDEST_M = 100_000.0
 """Vertices farther apart than this are a slip of the pen (a lost sign), and too far for one tangent plane."""
 _EVERYWHERE = shapely.box(-1e6, -1e6, 1e6, 1e6)
 """The allowed area of a fence without inclusions, metres."""
@@ -40,7 +40,7 @@ class Circle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     latitude_deg: Latitude
     longitude_deg: Longitude
-    radius_m: Annotated[float, Meta(gt=0.0, le=_WIDEST_M)]
+    radius_m: Annotated[float, Meta(gt=0.0, le=WIDEST_M)]
 
 
 class Geofence(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -54,7 +54,7 @@ class Geofence(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def problems(self) -> list[str]:
         """What is wrong with this fence, one clear sentence each; empty for a fence that can be flown."""
         found: list[str] = []
-        corner = self._first_point()
+        corner = self.first_point()
         if corner is None:
             return found
         if not all(math.isfinite(number) for number in corner):
@@ -72,14 +72,15 @@ class Geofence(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             found.append("the geofence leaves no room to fly: its exclusion areas cover its inclusion areas")
         south, west, north, east = area.bounds if not area.is_empty else (0.0, 0.0, 0.0, 0.0)
         bounded = bool(self.inclusion or self.inclusion_circles)
-        if bounded and max(north - south, east - west) > _WIDEST_M:
+        if bounded and max(north - south, east - west) > WIDEST_M:
             found.append(
                 f"the geofence is {max(north - south, east - west) / 1000.0:.0f} km wide, more than "
-                f"{_WIDEST_M / 1000.0:.0f} km: a vertex is probably wrong"
+                f"{WIDEST_M / 1000.0:.0f} km: a vertex is probably wrong"
             )
         return found
 
-    def _first_point(self) -> Vertex | None:
+    def first_point(self) -> Vertex | None:
+        """A corner of the fence, or a circle's centre; None for a fence of nothing."""
         for polygon in (*self.inclusion, *self.exclusion):
             if polygon:
                 return polygon[0]
@@ -181,7 +182,7 @@ def _polygon_problem(frame: LocalFrame, vertices: Sequence[Vertex]) -> str | Non
     if len(set(vertices)) < 3:
         return f"has {len(set(vertices))} different vertices; it needs at least 3"
     points = _local(frame, vertices)
-    if max(max(abs(north), abs(east)) for north, east in points) > 10.0 * _WIDEST_M:
+    if max(max(abs(north), abs(east)) for north, east in points) > 10.0 * WIDEST_M:
         return "has a vertex hundreds of kilometres from the others: probably a wrong sign or swapped numbers"
     polygon = shapely.Polygon(points)
     if polygon.convex_hull.area < 1.0:

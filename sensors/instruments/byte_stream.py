@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 
-from sensors.instruments.framing import Framer, printable
+from sensors.instruments.framing import Framer, legible, printable
 from sensors.instruments.samples import InstrumentState, Quantity, Sample
 
 
@@ -13,8 +13,8 @@ class StreamInstrument(abc.ABC):
 
     A make says how its stream is framed, what one message means, what to send on connection and when to ask
     for a reading. Here are the rest of the rules: a message that cannot be understood is a sample in state
-    ERROR that quotes it, and a line that stays quiet for `silence_s` is a sample in state SILENT, once a
-    period.
+    ERROR that quotes it, a line that stays quiet for `silence_s` is a sample in state SILENT, once a period,
+    and one on which messages come, but for three periods none that says anything of the air, is in state ERROR.
     """
 
     def __init__(self, kind: str, name: str, quantity: Quantity, framer: Framer, silence_s: float) -> None:
@@ -25,12 +25,14 @@ class StreamInstrument(abc.ABC):
         self._silence_s = silence_s
         self._heard_s: float | None = None
         self._told_silent_s: float | None = None
+        self._spoke_s = 0.0
+        self._beside = b""
         self._open = False
 
     def connected(self, now_s: float) -> bytes:
         self._framer.clear()
         self._open = True
-        self._heard_s = now_s
+        self._heard_s = self._spoke_s = now_s
         self._told_silent_s = None
         return self._greeting(now_s)
 
@@ -49,8 +51,15 @@ class StreamInstrument(abc.ABC):
         return self._meanings(now_s, self._framer.end())
 
     def _meanings(self, now_s: float, frames: list[bytes | None]) -> list[Sample]:
-        found = [self._read(now_s, f) if f is not None else self._noise(now_s) for f in frames]
-        return [sample for sample in found if sample is not None]
+        samples: list[Sample] = []
+        for frame in frames:
+            sample = self._noise(now_s) if frame is None else self._read(now_s, frame)
+            if sample is not None:
+                self._spoke_s = now_s
+                samples.append(sample)
+            elif frame is not None:
+                self._beside = frame
+        return samples
 
     def poll(self, now_s: float) -> tuple[bytes, list[Sample]]:
         if not self._open:
@@ -62,10 +71,21 @@ class StreamInstrument(abc.ABC):
             self._heard_s = now_s  # the clock was set back: silence is counted from here
         quiet_s = now_s - self._heard_s
         told_s = self._told_silent_s
-        if quiet_s < self._silence_s or (told_s is not None and 0.0 <= now_s - told_s < self._silence_s):
+        if told_s is not None and 0.0 <= now_s - told_s < self._silence_s:
             return []
+        if quiet_s < self._silence_s:
+            return self._nothing_said(now_s)
         self._told_silent_s = now_s
         return [self._sample(now_s, InstrumentState.SILENT, reason=f"no answer for {quiet_s:.1f} s")]
+
+    def _nothing_said(self, now_s: float) -> list[Sample]:
+        """It sends, but acknowledgements, settings or other devices' messages only."""
+        if now_s < self._spoke_s:
+            self._spoke_s = now_s
+        if now_s - self._spoke_s < 3.0 * self._silence_s:
+            return []
+        self._spoke_s = now_s
+        return [self._unknown(now_s, self._beside, "it sends, but no reading; the last is")]
 
     @abc.abstractmethod
     def _read(self, now_s: float, frame: bytes) -> Sample | None:
@@ -92,8 +112,8 @@ class StreamInstrument(abc.ABC):
             time_s=now_s,
             instrument=self.name,
             state=state,
-            status=status,
-            reason=reason,
+            status=legible(status),
+            reason=legible(reason),
             quantity=self.quantity,
             co2_at_least_ppm=co2_at_least_ppm,
         )

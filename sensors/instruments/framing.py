@@ -74,5 +74,9 @@ def number(text: str) -> float | None:
 def printable(frame: bytes, limit: int = 40) -> str:
     """A short, safe rendering of a message for a reason that a person reads."""
     text = frame[:limit].decode("ascii", "replace")
-    shown = "".join(c if c.isprintable() else "?" for c in text.replace("�", "?"))
-    return f'"{shown}{"…" if len(frame) > limit else ""}"'
+    return f'"{legible(text)}{"…" if len(frame) > limit else ""}"'
+
+
+def legible(text: str) -> str:
+    """`text` of an instrument as a terminal may show it: what is no printable character is a "?"."""
+    return "".join(c if c.isprintable() else "?" for c in text.replace("�", "?"))

@@ -6,7 +6,7 @@ a blank and five digits: `Z` CO2 after the sensor's digital filter, `z` CO2 unfi
 of a percent, `T` temperature in tenths of a degree plus 1000. CO2 is in counts: `.` asks for the multiplier
 that makes them ppm (1, 10 or 100, by the range). `K 1` streams (twice a second; the SprintIR 20 times), `K 2`
 answers when asked, `M <mask>` chooses the fields (4: Z, 2: z), `A <n>` sets the digital filter. `?` answers a
-command that is none.
+command that is none; `Y` and a power-up are answered with date, version and serial number.
 """
 
 from __future__ import annotations
@@ -27,6 +27,9 @@ BAUD: Final = 9600
 _FIELD: Final = r"(?:[Zz] +\d{5}|[A-Ya-y.@] +\d{1,5})"
 """CO2 has always five digits: with fewer, some were lost on the line, and the number is another one."""
 _FIELDS: Final = re.compile(rf"{_FIELD}(?: +{_FIELD})*", re.ASCII)
+_VERSION: Final = re.compile(r"Y,.+|B +\d{5}(?: +\d{5})*", re.ASCII)
+_MEASURED: Final = frozenset("HTLDdlhVv")
+"""Fields of an output line that are readings, but none of CO2."""
 _MULTIPLIERS: Final = (1, 10, 100)
 _ANSWER_S: Final = 2.0
 
@@ -66,6 +69,8 @@ class Gss(StreamInstrument):
         text = frame.decode("ascii", "replace").strip()
         if text == "?":
             return self._sample(now_s, InstrumentState.ERROR, reason="it did not understand a command")
+        if _VERSION.fullmatch(text):
+            return None
         if not _FIELDS.fullmatch(text):
             return self._unknown(now_s, frame, "not a GSS message")
         parts = text.split()
@@ -76,8 +81,11 @@ class Gss(StreamInstrument):
             self._learn_multiplier(fields["."])
             return None
         reading = fields.get("z" if self.options.unfiltered else "Z", fields.get("Z", fields.get("z")))
+        if reading is None and _MEASURED & fields.keys():
+            reason = "its output has no CO2: M 4 (or M 2, unfiltered) switches it on"
+            return self._sample(now_s, InstrumentState.ERROR, reason=reason)
         if reading is None:
-            return None  # acknowledgement of a command, or fields that are none of ours
+            return None  # acknowledgement of a command
         return self._reading(now_s, reading, fields)
 
     def _learn_multiplier(self, said: int) -> None:

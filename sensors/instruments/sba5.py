@@ -10,6 +10,12 @@ acknowledged with OK. Three kinds of line come back, fields separated by blanks 
   [<detector temp> <source temp>] <status>`
 * `Z,<n> of <m>`: zeroing; readings are valid again after n = m.
 * `W,<temp C>`: warming up.
+
+The SBA-5+ can be set otherwise (the manual's "Measurement commands" and "Measurement string format command"):
+`F<mask>` leaves fields of the reading out (128 counts, 64 average temperature, 32 both of humidity, 16 pressure, 8
+both temperatures, 4 status), `J1` puts an analog voltage (mV) before the status, `@` displays readings unasked, with
+a text in the place of the status, and `S,16,1` ends every line with a check sum: hexadecimal digits and a C, behind a
+comma or a blank. The manual does not tell how that is made, so it is read over, not checked.
 """
 
 from __future__ import annotations
@@ -24,21 +30,19 @@ from sensors.instruments.byte_stream import Pacer, StreamInstrument
 from sensors.instruments.framing import LineFramer, number
 from sensors.instruments.readings import co2_sample
 from sensors.instruments.samples import InstrumentState, Quantity, Sample
+from sensors.instruments.sba5_measurement import Measurement, measurement
 
 BAUD: Final = 19200
 
-STATUS: Final = {
-    1: "low detector counts: source or detector failing, or the cell is dirty",
-    2: "too cold",
-    3: "too hot",
-    4: "low alarm",
-    5: "humidity too high",
-    6: "supply voltage low",
-}
-"""Status codes other than 0; a reading with one of them is not valid."""
-
 _SEPARATORS = re.compile(r"[ ,\t]+")
-_ECHO = re.compile(r"[!MZ?]|OK|(?:[ACP] ?\d+)", re.ASCII)
+_ECHO = re.compile(
+    r"[!@MZ?]|OK|(?:[A-LN-VX-Y] ?-?\d+(?:\.\d+)?)|E[SML]|S(?:, ?\d+(?:\.\d+)?){2}|W[01]", re.ASCII
+)
+_CHECK_SUM = re.compile(r"[ ,]+[0-9A-Fa-f]{2,4}C$")
+_BARE_CHECK_SUM = re.compile(r"(?<=[ ,]\d{2})[ ,]+[0-9A-Fa-f]{4}$|(?<=[ ,]\d)[ ,]+[0-9A-Fa-f]{4}$", re.ASCII)
+_WHOLE_FORMAT: Final = 252
+_STEADY: Final = 3
+"""Lines in one unusual format before its readings count: a line that lost a field looks like another format once."""
 _ANSWER_S: Final = 0.5
 """An answer that takes longer is not one to the last question."""
 _ZERO_LOST_S: Final = 30.0
@@ -76,8 +80,12 @@ class Sba5(StreamInstrument):
         self._zero_running = False
         self._zero_next_s = 0.0
         self._zero_at_start = self.options.zero_at_start
+        self._unusual: tuple[bool, ...] = ()
+        self._unusual_lines = 0
+        self._ask_whole = False
 
     def _greeting(self, now_s: float) -> bytes:
+        self._unusual, self._unusual_lines, self._ask_whole = (), 0, False
         self._zero_progress = ""
         if self._zero_at_start:
             self._zero_at_start = False
@@ -92,6 +100,9 @@ class Sba5(StreamInstrument):
                 return b"Z"
         elif self._zero_running and now_s - self._zero_s > _ZERO_LOST_S:
             self._zero_running = False  # it never answered: ask again
+        if self._ask_whole:
+            self._ask_whole = False
+            return f"F{_WHOLE_FORMAT}\r".encode()
         # While it warms or zeroes, readings are of no use: once a second keeps the line known to be alive.
         idle = self._state in (InstrumentState.WARMING, InstrumentState.ZEROING)
         if not self._pacer.due(now_s, 1.0 if idle else None):
@@ -100,7 +111,9 @@ class Sba5(StreamInstrument):
         return b"M"
 
     def _read(self, now_s: float, frame: bytes) -> Sample | None:
-        text = frame.decode("ascii", "replace").strip("\0 \t")
+        text = _CHECK_SUM.sub("", frame.decode("ascii", "replace").strip("\0 \t"))
+        if text.startswith("M"):
+            text = _BARE_CHECK_SUM.sub("", text)
         fields = [f for f in _SEPARATORS.split(text) if f]
         if not fields or _ECHO.fullmatch(text):
             return None
@@ -141,20 +154,21 @@ class Sba5(StreamInstrument):
         return self._sample(now_s, InstrumentState.ZEROING, reason=f"zeroing {step} of {steps}")
 
     def _measured(self, now_s: float, frame: bytes, fields: list[str]) -> Sample | None:
-        """Fields after the M: seven numbers, two temperatures that older firmware leaves out, the status."""
-        values = [number(f) for f in fields[:-1]]
-        if len(values) not in (7, 9) or None in values or not fields[-1].isdecimal() or len(fields[-1]) > 2:
+        line = measurement(fields)
+        if line is None:
             return None
-        numbers = [v for v in values if v is not None]
-        ppm, temperature_c, pressure_mb = numbers[2], numbers[3], numbers[6]
-        # A line that lost some of its fields on the wire still has numbers, but in the wrong places.
-        counts = fields[0].isdecimal() and fields[1].isdecimal()
-        if not (counts and 300.0 <= pressure_mb <= 1200.0 and -40.0 <= temperature_c <= 120.0):
+        if not line.usual:
+            unsteady = self._unsteady(now_s, frame, line)
+            if unsteady is not None:
+                return unsteady
+        elif not line.plausible:
+            # A line that lost some of its fields on the wire still has numbers, but in the wrong places.
             return self._unknown(now_s, frame, "implausible reading")
-        status = fields[-1]
-        if int(status):
-            reason = STATUS.get(int(status), f"unknown status {status}")
-            return self._sample(now_s, InstrumentState.ERROR, status=status, reason=reason)
+        else:
+            self._unusual_lines = 0
+        status, fault = line.status, line.fault
+        if fault:
+            return self._sample(now_s, InstrumentState.ERROR, status=status, reason=fault)
         if self._zero_progress and 0.0 <= now_s - self._zero_s < _ZERO_LOST_S:
             return self._sample(now_s, InstrumentState.ZEROING, status=status, reason=self._zero_progress)
         self._zero_progress = ""
@@ -164,9 +178,20 @@ class Sba5(StreamInstrument):
         return co2_sample(
             made_s,
             self.name,
-            ppm,
+            line.ppm,
             range_ppm=self.options.range_ppm,
             status=status,
-            pressure_pa=pressure_mb * 100.0,
-            temperature_c=temperature_c,
+            pressure_pa=None if line.pressure_mb is None else line.pressure_mb * 100.0,
+            temperature_c=line.temperature_c,
         )
+
+    def _unsteady(self, now_s: float, frame: bytes, line: Measurement) -> Sample | None:
+        """Why a line in another format is no reading yet; None once the format is known to be meant."""
+        if line.form != self._unusual:
+            self._unusual, self._unusual_lines = line.form, 0
+            self._ask_whole = True
+        self._unusual_lines += 1
+        if not line.plausible or self._unusual_lines < _STEADY:
+            what = f"some fields are missing, by its format (F{_WHOLE_FORMAT} sends all) or lost"
+            return self._unknown(now_s, frame, what)
+        return None

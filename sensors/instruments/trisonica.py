@@ -46,6 +46,8 @@ class Trisonica(StreamInstrument):
         well_formed = (
             len(words) % 2 == 0 and len(set(tags)) == len(tags) and all(_TAG.fullmatch(t) for t in tags)
         )
+        if words and all(number(w) is not None for w in words):
+            return self._unknown(now_s, frame, "values without their tags: switch its tags on")
         if not well_formed or None in values:
             return self._unknown(now_s, frame, "not a TriSonica line")
         fields = {t: v for t, v in zip(tags, values, strict=True) if v is not None}

@@ -8,6 +8,9 @@ document 1405-PS-0019, issue 28, sections 9.1 to 9.5 and 11.5). Three formats, t
 * U, V `<STX>Q,+001.59,-002.74,M,00,<ETX>3A`: U positive for a wind from the south mark (towards north), V
   positive for a wind from the east mark (towards west);
 * NMEA `$WIMWV,120,R,002.10,M,A*hh` or $IIMWV, with A or V, or the status code, at the end.
+
+Tunnel mode (`<STX>Q,001.59,1,M,00,<ETX>`: speed along U, and its sign as 1 or 0) measures one axis only. When it
+starts it tells its name, its version and the check sums of its memories.
 """
 
 from __future__ import annotations
@@ -34,6 +37,9 @@ STATUS: Final = {
     "09": "its program's memory is damaged",
     "10": "signal weak: readings could be in error",
 }
+_START: Final = re.compile(
+    r"WINDSONIC.*|\d{4}-\d{3}-\d{2}|RS\d{3}.*|FIRMWARE:.*|CHECKSUM \w+:? .*|CHECKSUM \w+:.*", re.ASCII
+)
 _GILL: Final = re.compile(rb"\x02([^\x02\x03]*)\x03([0-9A-Fa-f]{2})")
 
 
@@ -45,11 +51,20 @@ class WindSonic(StreamInstrument):
     def _read(self, now_s: float, frame: bytes) -> Sample | None:
         if b"$" in frame:
             return self._nmea(now_s, frame)
+        text = frame.decode("ascii", "replace").strip()
+        if _START.fullmatch(text):
+            return self._unknown(now_s, frame, "its memory is damaged") if "FAIL" in text else None
+        if text.startswith("CONFIGURATION MODE"):
+            reason = "it is in its configuration mode: send Q and a line end, or switch it off and on"
+            return self._sample(now_s, InstrumentState.ERROR, reason=reason)
         # What was on the line before the last STX is no part of it.
         found = _GILL.fullmatch(frame[max(frame.rfind(b"\x02"), 0) :].strip())
         if found is None or xor_checksum(found[1]) != int(found[2], 16):
             return self._unknown(now_s, frame, "not a WindSonic message, or its check sum is wrong")
         fields = found[1].decode("ascii", "replace").split(",")
+        if len(fields) == 6 and fields[2] in ("0", "1") and "." in fields[1]:
+            reason = "tunnel mode measures one axis only: set its message format to M2"
+            return self._sample(now_s, InstrumentState.ERROR, reason=reason)
         if len(fields) != 6 or fields[5] or fields[3] not in MPS_PER_UNIT:
             return self._unknown(now_s, frame, "not a WindSonic message")
         _, first, second, unit, status, _ = fields
@@ -61,8 +76,10 @@ class WindSonic(StreamInstrument):
             return self._unknown(now_s, frame, "not a WindSonic message")
         return self._wind(now_s, vector, status)
 
-    def _nmea(self, now_s: float, text: bytes) -> Sample:
+    def _nmea(self, now_s: float, text: bytes) -> Sample | None:
         fields = sentence(text)
+        if fields is not None and not fields[0].endswith("MWV"):
+            return None  # another device's sentence, or another quantity
         found = mwv(fields) if fields is not None else None
         if found is None or fields is None:
             return self._unknown(now_s, text, "not a WindSonic message, or its check sum is wrong")

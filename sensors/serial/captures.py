@@ -12,6 +12,7 @@ import msgspec
 from sensors.instruments.registry import InstrumentType
 from sensors.instruments.samples import Instrument, Sample
 from sensors.instruments.sensor_error import SensorError
+from sensors.serial.stamped_log import stamped_lines, without_marks
 
 _PIECE_BYTES: Final = 256
 
@@ -52,10 +53,16 @@ def read_bytes(path: pathlib.Path) -> bytes:
 
 
 def decode(instrument: Instrument, data: bytes, period_s: float) -> Iterator[Sample]:
-    """Every message in a recorded byte stream; the stream has no times, so messages are taken `period_s`
-    apart."""
+    """Every message in a recorded byte stream, with the time of the terminal program that stamped its lines. A
+    stream without stamps has no times: its messages are taken `period_s` apart."""
+    stamped = stamped_lines(data)
+    if stamped is not None:
+        for time_s, line in stamped:
+            yield from instrument.receive(time_s, line)
+        yield from instrument.ended(stamped[-1][0])
+        return
     count = 0
-    for piece in (*_pieces(data), None):
+    for piece in (*_pieces(without_marks(data)), None):
         now_s = count * period_s
         for sample in instrument.ended(now_s) if piece is None else instrument.receive(now_s, piece):
             yield msgspec.structs.replace(sample, time_s=count * period_s)

@@ -11,17 +11,19 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from simvehicle.autopilot import ardupilot_parameters
-from simvehicle.autopilot.announcer import Announcer
+from simvehicle.autopilot.announcer import Announcer, TextStyle
 from simvehicle.autopilot.ardupilot_arming import ArduPilotArming
+from simvehicle.autopilot.ardupilot_avoidance import ArduPilotAvoidance
 from simvehicle.autopilot.ardupilot_commands import ArduPilotCommands
 from simvehicle.autopilot.ardupilot_estimate import ArduPilotEstimate
 from simvehicle.autopilot.ardupilot_failsafes import ArduPilotFailsafes
 from simvehicle.autopilot.ardupilot_fence import ArduPilotFence
 from simvehicle.autopilot.ardupilot_lists import ArduPilotLists
+from simvehicle.autopilot.ardupilot_mishaps import ArduPilotMishaps
 from simvehicle.autopilot.ardupilot_mode_control import ArduPilotModeControl
 from simvehicle.autopilot.ardupilot_modes import ArduPilotMode
 from simvehicle.autopilot.channel import Channel, ChannelPeer
-from simvehicle.autopilot.commands import ACCEPTED, DENIED, FAILED
+from simvehicle.autopilot.commands import ACCEPTED, DENIED, FAILED, AnswerStyle
 from simvehicle.autopilot.flight import Flight
 from simvehicle.autopilot.maneuvers import Follow, HoldPosition, Sticks, TakeOff
 from simvehicle.autopilot.message_streams import Build, StreamStyle
@@ -104,6 +106,7 @@ class ArduPilotEvents:
         failsafes: ArduPilotFailsafes,
         arming: ArduPilotArming,
         fence: ArduPilotFence,
+        avoidance: ArduPilotAvoidance,
         pilot: ArduPilotPilot,
     ) -> None:
         self._flight = flight
@@ -113,14 +116,17 @@ class ArduPilotEvents:
         self._estimate = estimate
         self._modes = modes
         self._failsafes = failsafes
+        self._mishaps = ArduPilotMishaps(flight, parameters, announcer)
         self._arming = arming
         self._fence = fence
+        self._avoidance = avoidance
         self._pilot = pilot
 
     def slow_step(self, now_s: float) -> None:
         self._estimate.step()
         self._arming.prearm_texts()
         self._failsafes.step(now_s)
+        self._mishaps.step(now_s)
         self._arming.disarm_on_the_ground(now_s)
         self._flight.failsafe = self._failsafes.active
         self._pilot.step(now_s)
@@ -138,6 +144,9 @@ class ArduPilotEvents:
 
     def touched(self, impact_mps: float) -> None:
         self._announcer.say(_INFO, f"SIM Hit ground at {impact_mps:.6f} m/s")
+
+    def crashed(self, impact_mps: float) -> None:
+        """ArduCopter looks at its attitude alone: one that fell flat stays armed and believes that it flies."""
 
     def landed(self) -> None:
         self._modes.after_landing()
@@ -170,6 +179,9 @@ class ArduPilotEvents:
         elif message.type_mask & _IGNORES_VELOCITY:
             flight.maneuver = HoldPosition()
             return
+        elif motion.horizontal_mps is not None and motion.down_mps is not None:
+            adjusted = self._avoidance.adjusted(motion.horizontal_mps, motion.down_mps)
+            motion.horizontal_mps, motion.down_mps = adjusted
         if isinstance(flight.maneuver, Follow):
             flight.maneuver.renewed(motion, flight.now_s, face_travel=no_yaw)
         else:
@@ -242,6 +254,7 @@ def _build(parts: SharedParts) -> Personality:
             mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
             gps_fix_type=mavlink.GPS_FIX_TYPE_RTK_FIXED,
             vtol_state=mavlink.MAV_VTOL_STATE_MC,
+            no_mission_total=0,
         ),
         modes=modes,
         estimate=estimate,
@@ -258,10 +271,22 @@ def _build(parts: SharedParts) -> Personality:
         ),
         messages=_messages(parts.system, flight, parameters, estimate, fence),
         commands=commands.table(),
+        handlers={},
         split_mode=lambda custom_mode: (custom_mode, 0),
+        answers=AnswerStyle(),
         pilot=PilotInputs(pilot.may_fly, pilot.moved),
         events=ArduPilotEvents(
-            flight, parameters, announcer, progress, estimate, modes, failsafes, arming, fence, pilot
+            flight,
+            parameters,
+            announcer,
+            progress,
+            estimate,
+            modes,
+            failsafes,
+            arming,
+            fence,
+            ArduPilotAvoidance(flight, parameters, parts.fence),
+            pilot,
         ),
         switch_mode=modes.set_mode,
     )
@@ -271,6 +296,7 @@ ARDUPILOT = FlavourRecipe(
     system_parameter="SYSID_THISMAV",
     limits=ardupilot_parameters.limits,
     battery=ardupilot_parameters.battery,
+    texts=TextStyle(),
     weak_battery_fraction=0.10,
     build=_build,
 )

@@ -56,7 +56,7 @@ class Autopilot:
         self._ticks = 0
         self._heartbeat_due_s = 0.0
         self._channels = [Channel(index, system) for index in range(links)]
-        self._announcer = Announcer(self._channels, self._message)
+        self._announcer = Announcer(self._channels, self._message, recipe.texts, lambda: self.flight.now_s)
         vehicle = make_vehicle(world, home_ned_m, recipe.battery(parameters), system=system, seed=seed)
         self.vehicle = vehicle
         self.flight = Flight(vehicle, recipe.limits(parameters), ready_after_s, self._announcer.say)
@@ -96,6 +96,7 @@ class Autopilot:
             own.health,
             mav_autopilot=own.identity.mav_autopilot,
             vtol_state=own.identity.vtol_state,
+            no_mission_total=own.identity.no_mission_total,
         )
         messages = {**motion.messages(), **status.messages(), **own.messages}
         self.streams = MessageStreams(messages, own.streams, self._channels, lambda: self.flight.now_s)
@@ -104,14 +105,15 @@ class Autopilot:
             **FlightCommands(self.flight, own.progress).table(),
             **own.commands,
         }
-        commands = CommandServer(table, self._channels, self._announcer.flush, own.split_mode)
+        commands = CommandServer(table, self._channels, self._announcer.flush, own.split_mode, own.answers)
         handlers: dict[str, Handler] = {
             "SET_POSITION_TARGET_LOCAL_NED": lambda _channel, _peer, message: own.events.setpoint(message),
             "SET_POSITION_TARGET_GLOBAL_INT": lambda _channel, _peer, message: own.events.setpoint(message),
         }
-        link_services = LinkServices(self.flight, ground_heard_s)
+        link_services = LinkServices(self.flight, ground_heard_s, self._announcer.ground_heard)
         for service in (self._parameter_server, commands, self.streams, own.pilot, link_services):
             handlers |= service.handlers()
+        handlers |= own.handlers
         self._router = MessageRouter(system, self._channels, handlers, self._list_message)
 
     # -- bytes ----------------------------------------------------------------------------------------------
@@ -175,8 +177,7 @@ class Autopilot:
             self.personality.events.touched(impact_mps)
             if impact_mps > _CRASH_MPS:
                 self.flight.crashed = True
-                text = f"Crash: Disarming: hit the ground at {impact_mps:.1f} m/s"
-                self.flight.disarm(text, mavlink.MAV_SEVERITY_CRITICAL)
+                self.personality.events.crashed(impact_mps)
         if self.flight.settle(wanted_down_mps2):
             self.personality.events.landed()
 

@@ -10,9 +10,8 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
-
 from flightstack.mavlink.codec import MavlinkCodec
+from flightstack.mavlink.dialect import MESSAGES
 from flightstack.mavlink.fields import layout
 from flightstack.mavlink.framing import FrameFinder, MavlinkFrame
 
@@ -24,6 +23,9 @@ class ChannelPeer(NamedTuple):
     system: int
     component: int
 
+
+_GROUND_HEARD_S = 3.0
+"""After its last heartbeat a ground station counts as there for so long."""
 
 Handler = Callable[["Channel", ChannelPeer, Any], None]
 """Takes a message that came in on a channel from a peer."""
@@ -45,8 +47,13 @@ class Channel:
         self._out: list[bytes] = []
         self.streams: dict[int, Stream] = {}
         self.next_due_s = float("inf")
+        self.ground_heard_s = float("-inf")
+        """When a ground station's heartbeat came last."""
         self.peers: set[tuple[int, int]] = set()
         """(system, component) heard on this link: what is addressed to them is forwarded here."""
+
+    def hears_ground(self, now_s: float) -> bool:
+        return now_s - self.ground_heard_s <= _GROUND_HEARD_S
 
     def parse(self, data: bytes) -> list[tuple[MavlinkFrame, Any]]:
         """The whole frames that `data` completes, with their fields (`flightstack.mavlink.fields`).
@@ -56,7 +63,7 @@ class Channel:
         return [
             (frame, layout(frame.kind).unpack(frame.payload))
             for frame in self._finder.find(data)
-            if frame.kind in mavlink.mavlink_map
+            if frame.kind in MESSAGES
         ]
 
     def send(self, message: Any) -> None:

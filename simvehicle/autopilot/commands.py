@@ -52,10 +52,20 @@ class ReceivedCommand:
 
 
 class CommandAnswer(NamedTuple):
-    """A MAV_RESULT and a message that follows the acknowledgement."""
+    """A MAV_RESULT and what was asked for, which goes out beside the acknowledgement."""
 
     result: int
     message: Any
+    more: tuple[Any, ...] = ()
+
+
+class AnswerStyle(NamedTuple):
+    """How an autopilot acknowledges."""
+
+    set_mode: int = mavlink.MAVLINK_MSG_ID_SET_MODE
+    """The number of the command in the answer to the old message SET_MODE."""
+    message_first: bool = False
+    """What a command asks for goes out before the acknowledgement."""
 
 
 Execute = Callable[[ReceivedCommand], "int | CommandAnswer"]
@@ -71,12 +81,14 @@ class CommandServer:
         channels: Sequence[Channel],
         flush: Callable[[], None],
         split_mode: Callable[[int], tuple[int, int]],
+        style: AnswerStyle = AnswerStyle(),  # noqa: B008 (it cannot change)
     ) -> None:
         """`flush`: say now what the command caused. `split_mode`: SET_MODE's custom mode as main and sub mode."""
         self._table = table
         self._channels = channels
         self._flush = flush
         self._split_mode = split_mode
+        self._style = style
 
     def handlers(self) -> dict[str, Handler]:
         return {"COMMAND_LONG": self._long, "COMMAND_INT": self._int, "SET_MODE": self._set_mode}
@@ -93,7 +105,7 @@ class CommandServer:
         main, sub = self._split_mode(m.custom_mode)
         params = (float(m.base_mode), float(main), float(sub), 0.0)
         command = ReceivedCommand(peer, mavlink.MAV_CMD_DO_SET_MODE, params, 0.0, 0.0, 0.0, None)
-        self._run(command, mavlink.MAVLINK_MSG_ID_SET_MODE)
+        self._run(command, self._style.set_mode)
 
     def _run(self, command: ReceivedCommand, acknowledged: int) -> None:
         execute = self._table.get(command.number)
@@ -101,13 +113,14 @@ class CommandServer:
             answer = execute(command)
         else:
             answer = ACCEPTED if command.number in _NOTHING_TO_DO else UNSUPPORTED
-        result, message = answer if isinstance(answer, CommandAnswer) else (answer, None)
-        channel = self._channels[command.peer.link]
-        channel.send(
-            mavlink.MAVLink_command_ack_message(
-                acknowledged, result, 0, 0, command.peer.system, command.peer.component
-            )
-        )
-        if message is not None:
+        asked_for: tuple[Any, ...] = ()
+        if isinstance(answer, CommandAnswer):
+            result, asked_for = answer.result, (answer.message, *answer.more)
+        else:
+            result = answer
+        peer = command.peer
+        told = mavlink.MAVLink_command_ack_message(acknowledged, result, 0, 0, peer.system, peer.component)
+        channel = self._channels[peer.link]
+        for message in (*asked_for, told) if self._style.message_first else (told, *asked_for):
             channel.send(message)
         self._flush()

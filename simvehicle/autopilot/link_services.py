@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -16,10 +17,17 @@ _FTP_FILE_NOT_FOUND, _FTP_UNKNOWN_COMMAND = 10, 7
 
 
 class LinkServices:
-    def __init__(self, flight: Flight, ground_heard_s: dict[int, float]) -> None:
-        """`ground_heard_s` gets the time of every ground station's last heartbeat, by system."""
+    def __init__(
+        self,
+        flight: Flight,
+        ground_heard_s: dict[int, float],
+        ground_heard: Callable[[int], None] = lambda _link: None,
+    ) -> None:
+        """`ground_heard_s` gets the time of every ground station's last heartbeat, by system; `ground_heard` is told
+        the link."""
         self._flight = flight
         self._ground_heard_s = ground_heard_s
+        self._ground_heard = ground_heard
 
     def handlers(self) -> dict[str, Handler]:
         return {
@@ -30,9 +38,10 @@ class LinkServices:
             "FILE_TRANSFER_PROTOCOL": self._ftp,
         }
 
-    def _heartbeat(self, _channel: Channel, peer: ChannelPeer, message: Any) -> None:
+    def _heartbeat(self, channel: Channel, peer: ChannelPeer, message: Any) -> None:
         if message.type == mavlink.MAV_TYPE_GCS:
-            self._ground_heard_s[peer.system] = self._flight.now_s
+            self._ground_heard_s[peer.system] = channel.ground_heard_s = self._flight.now_s
+            self._ground_heard(channel.link)
 
     def _timesync(self, channel: Channel, _peer: ChannelPeer, message: Any) -> None:
         if message.tc1 == 0:

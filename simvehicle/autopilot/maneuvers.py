@@ -94,9 +94,11 @@ class Level:
 class TakeOff:
     """Straight up from where it stands. `finished` at the height."""
 
-    def __init__(self, above_home_m: float, *, within_m: float = 0.1) -> None:
+    def __init__(self, above_home_m: float, *, within_m: float = 0.1, climb_mps: float | None = None) -> None:
+        """`within_m` of the height it is over. `climb_mps`: slower than the limits' climb."""
         self.above_home_m = above_home_m
         self._within_m = within_m
+        self._climb_mps = climb_mps
         self._at_m: tuple[float, float] | None = None
         self.finished = False
 
@@ -108,6 +110,8 @@ class TakeOff:
             return Motion(idle=True)
         off_m = self.above_home_m - nav.above_home_m
         self.finished = nav.airborne and abs(off_m) < self._within_m and abs(nav.velocity_mps[2]) < 0.5
+        if self._climb_mps is not None and off_m > self._within_m:
+            return Motion(horizontal_m=self._at_m, down_mps=-min(self._climb_mps, max(off_m, 0.3)))
         return Motion(horizontal_m=self._at_m, down_m=nav.home_m[2] - self.above_home_m)
 
 
@@ -200,8 +204,7 @@ class Land:
             self.finished = True
             return Motion(idle=True)
         self._begin_s = nav.now_s if self._begin_s is None else self._begin_s
-        fast = nav.above_home_m > nav.limits.land_slow_below_m
-        down_mps = nav.limits.descent_mps if fast else nav.limits.land_mps
+        down_mps = nav.limits.landing_mps(nav.above_home_m)
         if nav.now_s - self._begin_s < self._pause_s:
             down_mps = 0.0
         if not self._with_position:
@@ -211,6 +214,23 @@ class Land:
                 return Motion(horizontal_mps=(0.0, 0.0), down_mps=down_mps)
             self._at_m = nav.position_m[0], nav.position_m[1]
         return Motion(horizontal_m=self._at_m, down_mps=down_mps)
+
+
+class Sink:
+    """Down where it is, at a steady speed: a pilot's mode with nobody at the sticks."""
+
+    finished = False
+
+    def __init__(self, down_mps: float, *, level: bool) -> None:
+        self._down_mps = down_mps
+        self._level = level
+
+    def step(self, nav: Navigation) -> Motion:
+        if not nav.airborne:
+            return Motion(idle=True)
+        if self._level:
+            return Motion(level=True, down_mps=self._down_mps)
+        return Motion(horizontal_mps=(0.0, 0.0), down_mps=self._down_mps)
 
 
 class ReturnStep(enum.Enum):
@@ -227,7 +247,7 @@ class Return:
         self, to_m: Vector3, *, travel_down_m: float, loiter_s: float, loiter_down_m: float | None = None
     ) -> None:
         self._to_m = to_m[0], to_m[1]
-        self._travel_down_m = travel_down_m
+        self.travel_down_m = travel_down_m
         self._loiter_s = loiter_s
         self._loiter_down_m = travel_down_m if loiter_down_m is None else loiter_down_m
         """PX4 goes down to RTL_DESCEND_ALT before it waits."""
@@ -251,7 +271,7 @@ class Return:
             off_m = math.dist(self._to_m, nav.position_m[:2])
             if off_m < 0.6 and math.hypot(nav.velocity_mps[0], nav.velocity_mps[1]) < 1.0:
                 self.now = ReturnStep.LOITER
-            return self._motion(self._travel_down_m, nav)
+            return self._motion(self.travel_down_m, nav)
         if self.now is ReturnStep.LOITER:
             motion = self._motion(self._loiter_down_m, nav)
             if self._waiting_since_s is None and abs(nav.position_m[2] - self._loiter_down_m) < 0.5:
@@ -267,13 +287,13 @@ class Return:
         return motion
 
     def _climb(self, nav: Navigation) -> Motion:
-        if nav.position_m[2] - self._travel_down_m < 0.5:
+        if nav.position_m[2] - self.travel_down_m < 0.5:
             self.now = ReturnStep.TRAVEL
         if self._climb_at_m is None:
             if math.hypot(nav.velocity_mps[0], nav.velocity_mps[1]) > _STOPPED_MPS:
-                return Motion(horizontal_mps=(0.0, 0.0), down_m=self._travel_down_m)
+                return Motion(horizontal_mps=(0.0, 0.0), down_m=self.travel_down_m)
             self._climb_at_m = nav.position_m[0], nav.position_m[1]
-        return Motion(horizontal_m=self._climb_at_m, down_m=self._travel_down_m)
+        return Motion(horizontal_m=self._climb_at_m, down_m=self.travel_down_m)
 
     def _motion(self, down_m: float, nav: Navigation) -> Motion:
         return Motion(horizontal_m=self._to_m, down_m=down_m, speed_mps=nav.limits.return_speed_mps)

@@ -30,6 +30,8 @@ class StreamStyle:
     unknown_request: int
     nothing_yet: int
     """MAV_RESULT for the request of a message of which there is nothing to tell yet."""
+    series: Mapping[int, Callable[[int], Sequence[Any]]] = dataclasses.field(default_factory=dict)
+    """Messages that are many: by id what comes of the request for one of them, or (0) for all."""
 
 
 class MessageStreams:
@@ -67,7 +69,7 @@ class MessageStreams:
         return {
             mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: self._set_interval,
             mavlink.MAV_CMD_GET_MESSAGE_INTERVAL: self._get_interval,
-            mavlink.MAV_CMD_REQUEST_MESSAGE: lambda command: self._send_once(command.whole(0)),
+            mavlink.MAV_CMD_REQUEST_MESSAGE: self._request,
             mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: lambda _: self._send_once(
                 mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION
             ),
@@ -97,6 +99,13 @@ class MessageStreams:
         stream = self._channels[command.peer.link].streams.get(message_id)
         interval_us = -1 if stream is None else round(stream.interval_s * 1e6)
         return CommandAnswer(ACCEPTED, mavlink.MAVLink_message_interval_message(message_id, interval_us))
+
+    def _request(self, command: ReceivedCommand) -> int | CommandAnswer:
+        series = self._style.series.get(command.whole(0))
+        if series is None:
+            return self._send_once(command.whole(0))
+        found = series(command.whole(1))
+        return CommandAnswer(ACCEPTED, found[0], tuple(found[1:])) if found else self._style.nothing_yet
 
     def _send_once(self, message_id: int) -> int | CommandAnswer:
         if message_id not in self.messages:

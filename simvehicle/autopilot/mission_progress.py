@@ -33,6 +33,12 @@ class MissionProgress:
         self.next = 0
         """Sequence number of the item to fly."""
         self.complete = False
+        self.rejected = False
+        """The mission is kept, but is not to be flown (PX4)."""
+
+    @property
+    def can_fly(self) -> bool:
+        return bool(self.items) and not self.rejected
 
     @property
     def items(self) -> Sequence[StoredItem]:

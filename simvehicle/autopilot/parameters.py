@@ -9,12 +9,13 @@ from __future__ import annotations
 import dataclasses
 import math
 import struct
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from simvehicle.autopilot import parameter_tables
+from simvehicle.autopilot import parameter_tables, px4_parameter_table
 from simvehicle.autopilot.channel import Channel, ChannelPeer, Handler
 
 _TYPES = {
@@ -23,8 +24,14 @@ _TYPES = {
     "I32": (mavlink.MAV_PARAM_TYPE_INT32, -(2**31), 2**31 - 1),
     "F32": (mavlink.MAV_PARAM_TYPE_REAL32, -math.inf, math.inf),
 }
-_TABLES = {"ardupilot": (parameter_tables.ARDUPILOT, False), "px4": (parameter_tables.PX4, True)}
+_TABLES = {"ardupilot": (parameter_tables.ARDUPILOT, False), "px4": (px4_parameter_table.PX4, True)}
 """By flavour: the parameters, and whether integers travel byte by byte."""
+_UNGROUPED = frozenset(parameter_tables.ARDUPILOT_UNGROUPED.split())
+_CUT_OFF = 0.01
+"""What ArduPilot adds to a float's amount before it makes an integer of it (AP_Param::set_float)."""
+_ALIKE = 1e-4
+"""A value that differs from the default by less than this part is taken for the default and not saved."""
+HASH = "_HASH_CHECK"
 UNASKED = 65535
 """param_index of a PARAM_VALUE that answers no request for an index."""
 
@@ -40,6 +47,8 @@ class Parameters:
         table, self._bytewise = _TABLES[flavour]
         self._types: dict[str, tuple[int, float, float]] = {}
         self._values: dict[str, float] = {}
+        self._defaults: dict[str, float] = {}
+        """Of what is not in the storage: ArduPilot keeps there only what was once set to something else."""
         for entry in table.split():
             name, _, rest = entry.partition("=")
             number, _, kind = rest.partition(":")
@@ -53,6 +62,8 @@ class Parameters:
                     f"parameters.{name}: the simulated {flavour} has no such parameter"
                 )
             self.set(name, value)
+        if not self._bytewise:
+            self._defaults = {name: self._values[name] for name in self._values if name not in overrides}
 
     def __contains__(self, name: str) -> bool:
         return name in self._values
@@ -61,12 +72,13 @@ class Parameters:
         return self._values[name]
 
     def set(self, name: str, value: float) -> None:
-        """Store a value as the declared type holds it: integers rounded and limited, floats single precision."""
+        """Store a value as the declared type holds it: floats single precision, integers cut off and limited."""
         kind, least, most = self._types[name]
         if kind == mavlink.MAV_PARAM_TYPE_REAL32:
             self._values[name] = struct.unpack("<f", struct.pack("<f", value))[0]
         else:
-            self._values[name] = float(max(least, min(most, round(value))))
+            whole = math.trunc(value + math.copysign(_CUT_OFF, value))
+            self._values[name] = float(max(least, min(most, whole)))
 
     def encoded(self, name: str) -> tuple[float, int]:
         """The float field and the type field of PARAM_VALUE."""
@@ -85,10 +97,37 @@ class Parameters:
                 return float(struct.unpack("<i", struct.pack("<f", value))[0])
         return value if math.isfinite(value) else None
 
-    def message(self, name: str, index: int | None = None) -> Any:
-        value, kind = self.encoded(name)
+    def told_unsaved(self, name: str) -> tuple[float, int] | None:
+        """ArduPilot's answer to a PARAM_SET of a default that was never anything else: the default, and for members
+        of a group the group's type, which MAVLink does not know and calls REAL32 (AP_Param::save_sync). None where
+        the parameter is saved and told as it is, from now on.
+        """
+        default = self._defaults.get(name)
+        if default is None:
+            return None
+        kind, value = self._types[name][0], self._values[name]
+        alike = kind != mavlink.MAV_PARAM_TYPE_INT32 and abs(value - default) < _ALIKE * abs(value)
+        if value != default and not alike:
+            del self._defaults[name]
+            return None
+        grouped = name not in _UNGROUPED
+        return default, mavlink.MAV_PARAM_TYPE_REAL32 if grouped else kind
+
+    def message(self, name: str, index: int | None = None, told: tuple[float, int] | None = None) -> Any:
+        """PARAM_VALUE; `told`: a value and a type to tell instead of the parameter's own."""
+        value, kind = told or self.encoded(name)
         return mavlink.MAVLink_param_value_message(
             name.encode(), value, kind, len(self.names), self._index[name] if index is None else index
+        )
+
+    def hash_message(self) -> Any:
+        """The sum over names and values by which a ground station knows that it has them all already."""
+        total = 0
+        for name in self.names:
+            total = zlib.crc32(struct.pack("<f", self.encoded(name)[0]), zlib.crc32(name.encode(), total))
+        value = struct.unpack("<f", struct.pack("<I", total))[0]
+        return mavlink.MAVLink_param_value_message(
+            HASH.encode(), value, mavlink.MAV_PARAM_TYPE_UINT32, len(self.names), UNASKED
         )
 
 
@@ -101,6 +140,10 @@ class ParameterStyle:
     unknown: Callable[[Channel, ChannelPeer, str], None]
     """Somebody asked for a name ("#17": an index) that does not exist."""
     list_requested: Callable[[], None]
+    corrects_types: bool = True
+    """A PARAM_SET of another type than the parameter's is answered with the value that stays; else with nothing."""
+    has_hash: bool = False
+    """A sum over all parameters goes before their list, as if it were one."""
 
 
 class ParameterServer:
@@ -149,6 +192,8 @@ class ParameterServer:
 
     def _request_list(self, channel: Channel, _peer: ChannelPeer, _message: Any) -> None:
         self._sending[channel.link] = 0
+        if self._style.has_hash:
+            channel.send(self._parameters.hash_message())
         self._style.list_requested()
 
     def _request_read(self, channel: Channel, peer: ChannelPeer, message: Any) -> None:
@@ -160,7 +205,9 @@ class ParameterServer:
                 channel.send(self._parameters.message(names[message.param_index]))
             return
         name = str(message.param_id)
-        if name in self._parameters:
+        if self._style.has_hash and name == HASH:
+            channel.send(self._parameters.hash_message())
+        elif name in self._parameters:
             channel.send(self._parameters.message(name, self._style.named_index))
         else:
             self._style.unknown(channel, peer, name)
@@ -171,8 +218,12 @@ class ParameterServer:
             self._style.unknown(channel, peer, name)
             return
         value = self._parameters.decoded(name, message.param_value, message.param_type)
+        if value is None and not self._style.corrects_types:
+            return
+        told = None
         if value is not None:
             self.set(name, value)
-        answer = self._parameters.message(name, self._style.named_index)
+            told = self._parameters.told_unsaved(name)
+        answer = self._parameters.message(name, self._style.named_index, told)
         for each in self._channels:
             each.send(answer)

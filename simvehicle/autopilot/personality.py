@@ -6,8 +6,9 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Protocol
 
-from simvehicle.autopilot.announcer import Announcer
-from simvehicle.autopilot.commands import Execute
+from simvehicle.autopilot.announcer import Announcer, TextStyle
+from simvehicle.autopilot.channel import Handler
+from simvehicle.autopilot.commands import AnswerStyle, Execute
 from simvehicle.autopilot.flight import Flight
 from simvehicle.autopilot.message_streams import Build, StreamStyle
 from simvehicle.autopilot.mission_progress import MissionProgress
@@ -49,6 +50,10 @@ class FlightEvents(Protocol):
         """The vehicle touched the ground at this speed."""
         ...
 
+    def crashed(self, impact_mps: float) -> None:
+        """It touched the ground too fast to fly again."""
+        ...
+
     def landed(self) -> None: ...
 
     def mission(self, told: Told, sequence: int) -> None:
@@ -69,6 +74,8 @@ class Identity:
     mav_autopilot: int
     gps_fix_type: int
     vtol_state: int
+    no_mission_total: int
+    """MISSION_CURRENT.total where there is no mission."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -84,8 +91,11 @@ class Personality:
     messages: Mapping[int, Build]
     """Those that the flavours make differently."""
     commands: Mapping[int, Execute]
+    handlers: Mapping[str, Handler]
+    """What it takes besides, by message type."""
     split_mode: Callable[[int], tuple[int, int]]
     """SET_MODE's custom mode as main and sub mode."""
+    answers: AnswerStyle
     pilot: PilotInputs
     events: FlightEvents
     switch_mode: Callable[[int], object]
@@ -99,6 +109,7 @@ class FlavourRecipe(NamedTuple):
     """The parameter that holds the system id."""
     limits: Callable[[Parameters], Limits]
     battery: Callable[[Parameters], Battery]
+    texts: TextStyle
     weak_battery_fraction: float
     """Of charge: there the battery failsafe acts with the parameters as they come."""
     build: Callable[[SharedParts], Personality]

@@ -1,50 +1,47 @@
 """PX4 for multicopters, put together: its setpoints, its pilot, its words and what it does ten times a second.
 
-After the PX4 user guide v1.15 (https://docs.px4.io/v1.15/en/: flight modes, safety configuration, Offboard). There
-is no recording of one to compare with: its texts are near in meaning, not in words.
+After the PX4 user guide (https://docs.px4.io/v1.15/en/: flight modes, safety configuration, Offboard), and a recorded
+PX4 1.16 whose conversation it repeats.
 """
 
 from __future__ import annotations
 
-import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from flightstack.mavlink.dialect import AvailableModesMessage, CurrentModeMessage
 from simvehicle.autopilot import px4_parameters
-from simvehicle.autopilot.announcer import Announcer
+from simvehicle.autopilot.announcer import TextStyle
 from simvehicle.autopilot.channel import Channel, ChannelPeer
-from simvehicle.autopilot.commands import REJECTED, UNSUPPORTED
+from simvehicle.autopilot.commands import FAILED, REJECTED, UNSUPPORTED, AnswerStyle
 from simvehicle.autopilot.flight import Flight
 from simvehicle.autopilot.maneuvers import Follow, Return, Sticks
 from simvehicle.autopilot.message_streams import Build, StreamStyle
 from simvehicle.autopilot.mission_progress import MissionProgress, MissionStyle
 from simvehicle.autopilot.mission_run import Told
-from simvehicle.autopilot.missions import StoredItem
 from simvehicle.autopilot.parameters import Parameters, ParameterStyle
 from simvehicle.autopilot.personality import FlavourRecipe, Identity, Personality, SharedParts
 from simvehicle.autopilot.pilot import PilotInputs, RemoteControl
 from simvehicle.autopilot.px4_arming import Px4Arming
-from simvehicle.autopilot.px4_commands import Px4Commands
+from simvehicle.autopilot.px4_commands import Px4Commands, available_modes
 from simvehicle.autopilot.px4_estimate import Px4Estimate
 from simvehicle.autopilot.px4_failsafes import Px4Failsafes
+from simvehicle.autopilot.px4_lists import Px4Lists
 from simvehicle.autopilot.px4_mode_control import OffboardSetpoints, Px4ModeControl
 from simvehicle.autopilot.px4_modes import Px4Mode
+from simvehicle.autopilot.px4_report import Px4Report
+from simvehicle.autopilot.px4_voice import Px4Voice
 from simvehicle.autopilot.setpoints import motion_of
-from simvehicle.autopilot.uploaded_lists import ListStyle
 
 _INFO, _WARNING = mavlink.MAV_SEVERITY_INFO, mavlink.MAV_SEVERITY_WARNING
-_CAPABILITIES = (
-    mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_INT
-    | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
-    | mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
-    | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
-    | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
-    | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
-    | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
-    | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_RALLY
-)
-_VERSION = 1 << 24 | 15 << 16 | 4 << 8 | 255
+_CAPABILITIES = 0xE8FF
+_VERSION = 1 << 24 | 16 << 16 | 64
+"""1.16.0, alpha."""
+_NO_MISSION = 65535
+_REACHED_AGAIN_S, _REACHED_TIMES = 1.0, 10
+"""MISSION_ITEM_REACHED is repeated: it may have been lost."""
 _IGNORES_ALL = 0x3F
 
 _FIRST_STREAMS_S = {
@@ -76,38 +73,69 @@ class Px4Events:
         self,
         flight: Flight,
         parameters: Parameters,
-        announcer: Announcer,
+        progress: MissionProgress,
+        voice: Px4Voice,
         estimate: Px4Estimate,
         modes: Px4ModeControl,
         offboard: OffboardSetpoints,
         failsafes: Px4Failsafes,
         arming: Px4Arming,
+        lists: Px4Lists,
+        report: Px4Report,
+        broadcast: Callable[[Any], None],
     ) -> None:
         self._flight = flight
         self._parameters = parameters
-        self._announcer = announcer
+        self._progress = progress
+        self._voice = voice
         self._estimate = estimate
         self._modes = modes
         self._offboard = offboard
         self._failsafes = failsafes
         self._arming = arming
+        self._lists = lists
+        self._report = report
+        self._broadcast = broadcast
+        self._reached: tuple[int, int, float] | None = None
+        """The item that was reached last, how often it is still told, and when next."""
 
     def slow_step(self, now_s: float) -> None:
         self._estimate.step()
-        self._arming.tell_ready()
         self._failsafes.step(now_s)
         self._arming.disarm_on_the_ground(now_s)
         self._modes.step()
+        self._lists.step(now_s)
+        self._report.step(now_s)
+        self._voice.step(now_s)
+        self._tell_reached(now_s)
+
+    def _tell_reached(self, now_s: float) -> None:
+        if self._reached is None or now_s < self._reached[2]:
+            return
+        sequence, left, _ = self._reached
+        self._reached = (sequence, left - 1, now_s + _REACHED_AGAIN_S) if left > 1 else None
+        if sequence < len(self._progress.items):
+            self._broadcast(mavlink.MAVLink_mission_item_reached_message(sequence))
 
     def touched(self, impact_mps: float) -> None:
         """PX4 speaks up once it is sure that it has landed."""
 
-    def landed(self) -> None:
-        self._announcer.say(_INFO, "Landing detected")
+    def crashed(self, impact_mps: float) -> None:
+        text = f"Crash: Disarming: hit the ground at {impact_mps:.1f} m/s"
+        self._flight.disarm(text, mavlink.MAV_SEVERITY_CRITICAL)
 
-    def mission(self, told: Told, sequence: int) -> None:  # noqa: ARG002 - ArduPilot names the items
+    def landed(self) -> None:
+        self._voice.tell("commander_landing_detected", _INFO, text="Landing detected")
+
+    def mission(self, told: Told, sequence: int) -> None:
         if told is Told.COMPLETE:
-            self._announcer.say(_INFO, "Mission finished, loitering")
+            self._voice.tell("mission_finished_loiter", _INFO, text="Mission finished, loitering")
+            self._modes.step()
+        elif told is Told.REACHED:
+            self._reached = (sequence, _REACHED_TIMES, self._flight.now_s + _REACHED_AGAIN_S)
+        elif self._progress.items[sequence].command == mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH:
+            self._voice.tell("commander_rtl", _INFO, text="Returning to launch")
+            self._modes.fall_back(Px4Mode.RETURN)
 
     def parameter_changed(self, name: str) -> None:  # noqa: ARG002 - the others are read where they are used
         self._modes.renew_limits()
@@ -139,29 +167,11 @@ class Px4Pilot:
             self._remote.move(self._flight.maneuver, self._remote.throttle)
 
 
-def _stored(_kind: int, item: StoredItem) -> StoredItem:
-    return dataclasses.replace(item, frame={5: 0, 6: 3}.get(item.frame, item.frame))
-
-
-def _as_stored(_kind: int, _sequence: int, item: StoredItem) -> StoredItem:
-    return item
-
-
-def _accepted(_kind: int, _items: list[StoredItem]) -> None:
-    """PX4 says nothing about a list that is in order."""
-
-
-def _progress(_kind: int, _count: int) -> None:
-    """PX4 keeps no totals as parameters."""
-
-
 def _list_requested() -> None:
     """Nothing but the list."""
 
 
 def _unknown_parameter(channel: Channel, peer: ChannelPeer, name: str) -> None:
-    text = f"[pm] unknown param: {name}".encode()[:50]
-    channel.send(mavlink.MAVLink_statustext_message(_WARNING, text))
     if not name.startswith("#"):
         channel.send(
             mavlink.MAVLink_param_error_message(
@@ -170,13 +180,34 @@ def _unknown_parameter(channel: Channel, peer: ChannelPeer, name: str) -> None:
         )
 
 
-def _messages(system: int, flight: Flight, parameters: Parameters) -> dict[int, Build]:
+def _messages(
+    system: int, flight: Flight, parameters: Parameters, modes: Px4ModeControl, arming: Px4Arming
+) -> dict[int, Build]:
     def version() -> Any:
         board = list(b"simvehic")
         uid2 = [system] + [0] * 17
         return mavlink.MAVLink_autopilot_version_message(
-            int(_CAPABILITIES), _VERSION, _VERSION, 0, 0, board, [0] * 8, [0] * 8, 0, 0, system, uid2
+            _CAPABILITIES, _VERSION, _VERSION, 0, 1, board, [0] * 8, [0] * 8, 0, 0, system, uid2
         )
+
+    def heartbeat() -> Any:
+        """Once a second and not when the mode changes; what cannot be armed in its mode is not on standby."""
+        if flight.armed:
+            status = mavlink.MAV_STATE_CRITICAL if flight.failsafe else mavlink.MAV_STATE_ACTIVE
+        else:
+            status = mavlink.MAV_STATE_STANDBY if arming.can_arm() else mavlink.MAV_STATE_UNINIT
+        return mavlink.MAVLink_heartbeat_message(
+            mavlink.MAV_TYPE_QUADROTOR,
+            mavlink.MAV_AUTOPILOT_PX4,
+            modes.base_mode(),
+            modes.custom_mode,
+            status,
+            3,
+        )
+
+    def current_mode() -> Any:
+        custom = modes.custom_mode
+        return CurrentModeMessage(standard_mode=0, custom_mode=custom, intended_custom_mode=custom)
 
     def wind() -> Any | None:
         """The vector, NED; only with drag fusion on."""
@@ -188,7 +219,9 @@ def _messages(system: int, flight: Flight, parameters: Parameters) -> dict[int, 
         )
 
     return {
+        mavlink.MAVLINK_MSG_ID_HEARTBEAT: heartbeat,
         mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: version,
+        CurrentModeMessage.id: current_mode,
         mavlink.MAVLINK_MSG_ID_WIND: lambda: None,
         mavlink.MAVLINK_MSG_ID_WIND_COV: wind,
         mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: lambda: None,
@@ -204,46 +237,77 @@ def _build(parts: SharedParts) -> Personality:
 
     missions = MissionStyle(first=0, arrival_m=lambda: parameters["NAV_ACC_RAD"], back=back)
     progress = MissionProgress(flight, parts.lists, missions)
+    voice = Px4Voice(flight, announcer)
     estimate = Px4Estimate(flight)
     offboard = OffboardSetpoints(parameters)
-    modes = Px4ModeControl(flight, parameters, announcer, estimate, progress, offboard, back)
+    modes = Px4ModeControl(flight, parameters, voice, estimate, progress, offboard, back)
     failsafes = Px4Failsafes(
-        flight, parameters, announcer, estimate, modes, offboard, parts.fence, parts.ground_heard_s
+        flight, parameters, voice, estimate, modes, offboard, parts.fence, parts.ground_heard_s
     )
-    arming = Px4Arming(flight, parameters, announcer, estimate, modes, failsafes)
-    commands = Px4Commands(flight, parameters, announcer, progress, modes, failsafes, arming)
+    report = Px4Report(
+        flight,
+        estimate,
+        progress,
+        offboard,
+        voice,
+        modes,
+        lambda: not failsafes.link_lost,
+        lambda: failsafes.breached,
+        failsafes.faults,
+    )
+    failsafes.report_by(report.now)
+    lists = Px4Lists(flight, parts.fence, voice)
+    lists.check_by(progress)
+    arming = Px4Arming(flight, parameters, estimate, modes, failsafes, report, voice)
+    commands = Px4Commands(flight, parameters, voice, progress, modes, failsafes, arming, report)
     pilot = Px4Pilot(flight, parts.remote, modes)
     return Personality(
         identity=Identity(
             mavlink.MAV_AUTOPILOT_PX4,
             gps_fix_type=mavlink.GPS_FIX_TYPE_3D_FIX,
             vtol_state=mavlink.MAV_VTOL_STATE_UNDEFINED,
+            no_mission_total=_NO_MISSION,
         ),
         modes=modes,
         estimate=estimate,
         health=arming,
         progress=progress,
-        lists=ListStyle(
-            legacy_requests=False,
-            atomic=True,
-            stored=_stored,
-            read=_as_stored,
-            accepted=_accepted,
-            progress=_progress,
+        lists=lists.style(),
+        parameters=ParameterStyle(
+            None,
+            unknown=_unknown_parameter,
+            list_requested=_list_requested,
+            corrects_types=False,
+            has_hash=True,
         ),
-        parameters=ParameterStyle(None, unknown=_unknown_parameter, list_requested=_list_requested),
         streams=StreamStyle(
             first_s=_FIRST_STREAMS_S,
             groups={},
-            unknown_interval=UNSUPPORTED,
+            unknown_interval=FAILED,
             unknown_request=UNSUPPORTED,
             nothing_yet=REJECTED,
+            series={AvailableModesMessage.id: available_modes},
         ),
-        messages=_messages(parts.system, flight, parameters),
+        messages=_messages(parts.system, flight, parameters, modes, arming),
         commands=commands.table(),
+        handlers=voice.handlers(),
         split_mode=lambda custom_mode: (custom_mode >> 16 & 0xFF, custom_mode >> 24),
+        answers=AnswerStyle(set_mode=mavlink.MAV_CMD_DO_SET_MODE, message_first=True),
         pilot=PilotInputs(lambda system: system != parts.system, pilot.moved),
-        events=Px4Events(flight, parameters, announcer, estimate, modes, offboard, failsafes, arming),
+        events=Px4Events(
+            flight,
+            parameters,
+            progress,
+            voice,
+            estimate,
+            modes,
+            offboard,
+            failsafes,
+            arming,
+            lists,
+            report,
+            announcer.broadcast,
+        ),
         switch_mode=lambda mode: commands.enter(Px4Mode(mode)),
     )
 
@@ -252,6 +316,7 @@ PX4 = FlavourRecipe(
     system_parameter="MAV_SYS_ID",
     limits=px4_parameters.limits,
     battery=px4_parameters.battery,
+    texts=TextStyle(all_numbered=True, to_ground_only=True),
     weak_battery_fraction=0.06,
     build=_build,
 )

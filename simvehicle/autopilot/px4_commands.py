@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 import math
+import struct
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from simvehicle.autopilot.announcer import Announcer
-from simvehicle.autopilot.commands import ACCEPTED, DENIED, REJECTED, UNSUPPORTED, Execute, ReceivedCommand
+from flightstack.mavlink.dialect import AvailableModesMessage
+from simvehicle.autopilot.commands import (
+    ACCEPTED,
+    DENIED,
+    REJECTED,
+    UNSUPPORTED,
+    Execute,
+    ReceivedCommand,
+)
 from simvehicle.autopilot.flight import Flight
 from simvehicle.autopilot.flight_commands import reposition_target
 from simvehicle.autopilot.maneuvers import FlyTo
@@ -16,7 +24,9 @@ from simvehicle.autopilot.parameters import Parameters
 from simvehicle.autopilot.px4_arming import Px4Arming
 from simvehicle.autopilot.px4_failsafes import Px4Failsafes
 from simvehicle.autopilot.px4_mode_control import Px4ModeControl
-from simvehicle.autopilot.px4_modes import Px4Mode
+from simvehicle.autopilot.px4_modes import AVAILABLE, Px4Mode
+from simvehicle.autopilot.px4_report import Px4Report
+from simvehicle.autopilot.px4_voice import Px4Voice
 
 _INFO, _CRITICAL = mavlink.MAV_SEVERITY_INFO, mavlink.MAV_SEVERITY_CRITICAL
 
@@ -26,27 +36,29 @@ class Px4Commands:
         self,
         flight: Flight,
         parameters: Parameters,
-        announcer: Announcer,
+        voice: Px4Voice,
         progress: MissionProgress,
         modes: Px4ModeControl,
         failsafes: Px4Failsafes,
         arming: Px4Arming,
+        report: Px4Report,
     ) -> None:
         self._flight = flight
         self._parameters = parameters
-        self._announcer = announcer
+        self._voice = voice
         self._progress = progress
         self._modes = modes
         self._failsafes = failsafes
         self._arming = arming
+        self._report = report
 
     def table(self) -> dict[int, Execute]:
         return {
             mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self._arm_disarm,
             mavlink.MAV_CMD_DO_SET_MODE: self._set_mode,
             mavlink.MAV_CMD_NAV_TAKEOFF: self._take_off,
-            mavlink.MAV_CMD_NAV_LAND: lambda _: self.enter(Px4Mode.LAND),
-            mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda _: self.enter(Px4Mode.RETURN),
+            mavlink.MAV_CMD_NAV_LAND: self._land,
+            mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: self._return,
             mavlink.MAV_CMD_NAV_LOITER_UNLIM: lambda _: self.enter(Px4Mode.HOLD),
             mavlink.MAV_CMD_MISSION_START: self._mission_start,
             mavlink.MAV_CMD_DO_REPOSITION: self._reposition,
@@ -66,9 +78,10 @@ class Px4Commands:
         if command.params[0] != 0.0:
             return UNSUPPORTED
         if not self._flight.landed and not forced:
-            self._announcer.say(_CRITICAL, "Disarming denied: not landed")
+            denied = "Disarming denied: not landed"
+            self._voice.tell("commander_disarm_denied_not_landed", _CRITICAL, text=denied)
             return REJECTED
-        self._flight.disarm("Disarmed by external command", _INFO)
+        self._arming.disarm()
         return ACCEPTED
 
     def _set_mode(self, command: ReceivedCommand) -> int:
@@ -77,8 +90,19 @@ class Px4Commands:
         try:
             mode = Px4Mode(command.whole(1) << 16 | command.whole(2) << 24)
         except ValueError:
-            return DENIED
+            return ACCEPTED if not self._flight.armed else REJECTED
         return self.enter(mode)
+
+    def _land(self, _command: ReceivedCommand) -> int:
+        text = "Landing at current position"
+        self._voice.tell("commander_landing_current_pos", _INFO, text=text)
+        return self.enter(Px4Mode.LAND)
+
+    def _return(self, _command: ReceivedCommand) -> int:
+        result = self.enter(Px4Mode.RETURN)
+        if result == ACCEPTED:
+            self._voice.tell("commander_rtl", _INFO, text="Returning to launch")
+        return result
 
     def _take_off(self, command: ReceivedCommand) -> int:
         if math.isfinite(command.z) and command.z != 0.0:
@@ -89,15 +113,22 @@ class Px4Commands:
         else:
             self._modes.take_off_above_m = None
             above_m = self._parameters["MIS_TAKEOFF_ALT"]
-            self._announcer.say(_INFO, f"Using default takeoff altitude: {above_m:.2f} m")
+            text = f"Using default takeoff altitude: {above_m:.1f} m"
+            told = struct.pack("<f", above_m)
+            self._voice.tell("navigator_takeoff_default_alt", _INFO, told, text=text)
         return self.enter(Px4Mode.TAKEOFF)
 
     def _mission_start(self, _command: ReceivedCommand) -> int:
-        if not self._progress.items:
-            return DENIED
+        if not self._progress.can_fly:
+            text = "Mission start denied! No valid mission"
+            self._voice.tell("commander_mission_start_denied_no_mission", _CRITICAL, text=text)
+            return REJECTED
         if not self._flight.armed and self._arming.arm(forced=False) != ACCEPTED:
             return REJECTED
-        return self.enter(Px4Mode.MISSION)
+        result = self.enter(Px4Mode.MISSION)
+        if result == ACCEPTED:
+            self._voice.tell("mission_execute", _INFO, text="Executing Mission")
+        return result
 
     def _reposition(self, command: ReceivedCommand) -> int:
         if not command.whole(1) & 1 and self._modes.mode is not Px4Mode.HOLD:
@@ -125,10 +156,28 @@ class Px4Commands:
         return self.enter(Px4Mode.HOLD if command.params[0] == 0.0 else Px4Mode.MISSION)
 
     def _prearm_checks(self, _command: ReceivedCommand) -> int:
-        self._arming.tell_failures()
+        if self._flight.armed:
+            return REJECTED
+        self._report.now(self._flight.now_s)
         return ACCEPTED
 
     def _terminate(self, command: ReceivedCommand) -> int:
         if command.params[0] > 0.5:
             self._flight.disarm("Flight terminated", _CRITICAL)
         return ACCEPTED
+
+
+def available_modes(wanted: int) -> list[AvailableModesMessage]:
+    """One of its modes by its place, or all of them (0 and what is no number)."""
+    return [
+        AvailableModesMessage(
+            number_modes=len(AVAILABLE),
+            mode_index=index,
+            standard_mode=standard,
+            custom_mode=custom,
+            properties=properties,
+            mode_name=name.encode(),
+        )
+        for index, (standard, custom, properties, name) in enumerate(AVAILABLE, 1)
+        if wanted in (index, 0, -1)
+    ]

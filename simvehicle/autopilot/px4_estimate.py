@@ -26,7 +26,9 @@ class Px4Estimate:
         return self.ready and not self.lost
 
     def flags(self) -> int:
-        return 831 if self.ready and not self.lost else 1 | 4 | 32 | 128
+        """As recorded of PX4 1.16: the constant-position bit (128) is set at rest, and says nothing else."""
+        at_rest = 128 if self._flight.landed else 0
+        return 895 | at_rest if self.ready and not self.lost else 1 | 4 | 32 | at_rest
 
     def step(self) -> None:
         """The first fix; until it is armed home is where it stands."""

@@ -1,17 +1,18 @@
 """What brings a PX4 vehicle home or down by itself: position, Offboard, link, battery, fence.
 
-After the PX4 user guide v1.15, safety configuration: https://docs.px4.io/v1.15/en/config/safety.html. A failsafe
-first holds for COM_FAIL_ACT_T seconds, so that a person can react, and then acts.
+After the PX4 user guide, safety configuration (https://docs.px4.io/v1.15/en/config/safety.html), and a recorded one.
+A failsafe first holds for COM_FAIL_ACT_T seconds, so that a person can react, and then acts; but at once where the
+setpoints or the position are lost.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import struct
+from collections.abc import Callable, Mapping
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from simvehicle.autopilot.announcer import Announcer
 from simvehicle.autopilot.fences import outside
 from simvehicle.autopilot.flight import Flight
 from simvehicle.autopilot.maneuvers import Land
@@ -19,6 +20,7 @@ from simvehicle.autopilot.parameters import Parameters
 from simvehicle.autopilot.px4_estimate import Px4Estimate
 from simvehicle.autopilot.px4_mode_control import OffboardSetpoints, Px4ModeControl
 from simvehicle.autopilot.px4_modes import Px4Mode
+from simvehicle.autopilot.px4_voice import Px4Voice
 from simvehicle.autopilot.uploaded_lists import FenceAreas
 
 _INFO, _WARNING, _CRITICAL = (
@@ -26,12 +28,37 @@ _INFO, _WARNING, _CRITICAL = (
     mavlink.MAV_SEVERITY_WARNING,
     mavlink.MAV_SEVERITY_CRITICAL,
 )
-_OFFBOARD_ACTIONS = {3: Px4Mode.RETURN, 4: Px4Mode.LAND, 5: Px4Mode.HOLD}
-"""COM_OBL_RC_ACT. 0 to 2 are a pilot's modes: without sticks PX4 falls through them to Hold."""
+_OFFBOARD_ACTIONS = {
+    1: Px4Mode.ALTITUDE,
+    2: Px4Mode.MANUAL,
+    3: Px4Mode.RETURN,
+    4: Px4Mode.LAND,
+    5: Px4Mode.HOLD,
+}
+"""COM_OBL_RC_ACT. 0, and whatever else it is set to, is Position: a pilot's mode also where there is no pilot."""
+_TERMINATES, _DISARMS = 6, 7
 _LINK_ACTIONS = {1: Px4Mode.HOLD, 2: Px4Mode.RETURN, 3: Px4Mode.LAND}
 """NAV_DLL_ACT."""
 _FENCE_ACTIONS = {2: Px4Mode.HOLD, 3: Px4Mode.RETURN, 5: Px4Mode.LAND}
 """GF_ACTION."""
+_ACTION_NUMBERS = {
+    Px4Mode.POSITION: 2,
+    Px4Mode.ALTITUDE: 3,
+    Px4Mode.MANUAL: 4,
+    Px4Mode.HOLD: 5,
+    Px4Mode.RETURN: 6,
+    Px4Mode.LAND: 7,
+}
+_DESCEND = 8
+_BATTERY_WARNINGS = (
+    ("commander_failsafe_enter_low_bat", "Low battery level, return advised"),
+    ("commander_failsafe_enter_crit_bat_warn", "Critical battery level, land now"),
+    ("commander_failsafe_enter_crit_low_bat_warn", "Emergency battery level, land immediately"),
+)
+_BY_FAILSAFE = 14
+"""Reason for disarming."""
+_LINK_LOST, _BATTERY_CRITICAL, _BATTERY_EMERGENCY = 2, 4, 5
+"""Causes that events tell."""
 
 
 class Px4Failsafes:
@@ -41,7 +68,7 @@ class Px4Failsafes:
         self,
         flight: Flight,
         parameters: Parameters,
-        announcer: Announcer,
+        voice: Px4Voice,
         estimate: Px4Estimate,
         modes: Px4ModeControl,
         offboard: OffboardSetpoints,
@@ -50,7 +77,8 @@ class Px4Failsafes:
     ) -> None:
         self._flight = flight
         self._parameters = parameters
-        self._announcer = announcer
+        self._voice = voice
+        self._report_now: Callable[[float], None] = lambda _now_s: None
         self._estimate = estimate
         self._modes = modes
         self._offboard_setpoints = offboard
@@ -65,6 +93,22 @@ class Px4Failsafes:
         """When to do what, after the holding time."""
         self._back_to: Px4Mode | None = None
         """The mode to go back to when the cause goes away by itself."""
+
+    def report_by(self, report_now: Callable[[float], None]) -> None:
+        """What fails is reported before the failsafe that it causes."""
+        self._report_now = report_now
+
+    @property
+    def link_lost(self) -> bool:
+        """No ground station is heard, or none yet."""
+        return self._link_lost or not self._ground_heard_s
+
+    def faults(self) -> list[str]:
+        """The checks that fail in every mode."""
+        found = ["check_battery_critical"] if self.battery_level >= 2 else []
+        if self._flight.vehicle.body.failed or self._flight.crashed:
+            found.append("check_failure_detector_motor")
+        return found
 
     def user_chose(self) -> None:
         """A person's or companion's mode ends what a failsafe had in mind."""
@@ -81,30 +125,40 @@ class Px4Failsafes:
         if self._pending is not None and now_s >= self._pending[0]:
             mode = self._pending[1]
             self._pending = self._back_to = None
-            self._announcer.say(_CRITICAL, f"Failsafe activated: {mode.name.title()}")
             self._enter(mode)
 
-    def _activate(self, now_s: float, mode: Px4Mode, *, returns_to: Px4Mode | None = None) -> None:
-        """Hold first, then `mode`; with `returns_to` the mode to take up again when the cause goes away."""
+    def _activate(self, now_s: float, mode: Px4Mode, cause: int = 0) -> None:
+        """Hold first, then `mode`. `cause`: as an event tells it; 0: what the report says."""
         flight, now = self._flight, self._modes.mode
         if flight.landed and now is not Px4Mode.OFFBOARD:
             return
         if now is Px4Mode.LAND or (now is Px4Mode.RETURN and mode is not Px4Mode.LAND):
             return
         flight.failsafe = True
+        self._back_to = None
         delay_s = self._parameters["COM_FAIL_ACT_T"]
-        self._back_to = returns_to
-        self._announcer.say(_CRITICAL, "Failsafe activated")
         if mode is Px4Mode.HOLD or delay_s <= 0.0:
             self._pending = None
-            self._enter(mode)
-        else:
-            self._pending = (now_s + delay_s, mode)
-            self._enter(Px4Mode.HOLD)
+            self._enter(mode, cause)
+            return
+        self._pending = (now_s + delay_s, mode)
+        told = struct.pack("<IBH", int(now), _ACTION_NUMBERS[mode], round(delay_s))
+        name = "commander_failsafe_enter_hold" if cause else "commander_failsafe_enter_generic_hold"
+        text = f"Failsafe activated: entering Hold for {round(delay_s)} seconds"
+        self._voice.tell(name, _CRITICAL, told + bytes([cause] if cause else []), text=text)
+        self._modes.fall_back(self._possible(Px4Mode.HOLD))
 
-    def _enter(self, mode: Px4Mode) -> None:
-        """A failsafe's mode, or a landing where there is no position for it."""
-        self._modes.enter(mode if mode is Px4Mode.LAND or self._estimate.position_ok else Px4Mode.LAND)
+    def _enter(self, mode: Px4Mode, cause: int = 0, *, action: int | None = None) -> None:
+        """A failsafe's mode, now."""
+        action = _ACTION_NUMBERS[mode] if action is None else action
+        told = struct.pack("<IB", int(self._modes.mode), action) + bytes([cause] if cause else [])
+        name = "commander_failsafe_enter" if cause else "commander_failsafe_enter_generic"
+        self._voice.tell(name, _CRITICAL, told, text="Failsafe activated")
+        self._modes.fall_back(self._possible(mode))
+
+    def _possible(self, mode: Px4Mode) -> Px4Mode:
+        """A mode, or a landing where there is no position for it."""
+        return mode if mode is Px4Mode.LAND or self._estimate.position_ok else Px4Mode.LAND
 
     def _position(self, now_s: float) -> None:
         flight, modes, estimate = self._flight, self._modes, self._estimate
@@ -118,35 +172,36 @@ class Px4Failsafes:
         if flight.armed and (modes.why_not(modes.mode) is not None or modes.mode is Px4Mode.LAND):
             flight.failsafe = True
             self._pending = self._back_to = None
-            self._announcer.say(_CRITICAL, "Failsafe activated: Descend")
-            modes.enter(Px4Mode.LAND)
+            self._report_now(now_s)
+            self._enter(Px4Mode.LAND, action=_DESCEND)
             flight.maneuver = Land(with_position=False)
 
     def _offboard(self, now_s: float) -> None:
-        flight, modes, say = self._flight, self._modes, self._announcer.say
+        flight, modes = self._flight, self._modes
         flies = flight.armed and modes.mode is Px4Mode.OFFBOARD
         if flies and self._offboard_setpoints.are_lost(now_s) and not self._offboard_lost:
             self._offboard_lost = True
-            say(_CRITICAL, "Offboard control lost")
-            self._act_on_lost_offboard(now_s, int(self._parameters["COM_OBL_RC_ACT"]))
+            self._report_now(now_s)
+            self._act_on_lost_offboard(int(self._parameters["COM_OBL_RC_ACT"]))
         elif self._offboard_lost and self._offboard_setpoints.are_alive(now_s):
             self._offboard_lost = False
-            if self._back_to is Px4Mode.OFFBOARD and flight.armed and modes.mode is Px4Mode.HOLD:
+            if self._back_to is Px4Mode.OFFBOARD and flight.armed:
                 self.user_chose()
                 modes.enter(Px4Mode.OFFBOARD)
-                say(_INFO, "Offboard control regained")
 
-    def _act_on_lost_offboard(self, now_s: float, action: int) -> None:
+    def _act_on_lost_offboard(self, action: int) -> None:
+        """At once, and only until the setpoints are back."""
         flight = self._flight
-        if action in (6, 7):
-            flight.disarm("Flight terminated" if action == 6 else "Disarmed by failsafe", _CRITICAL)
-        elif flight.landed:
-            flight.failsafe = True
-            self._modes.enter(Px4Mode.HOLD)
-        else:
-            self._activate(now_s, _OFFBOARD_ACTIONS.get(action, Px4Mode.HOLD), returns_to=Px4Mode.OFFBOARD)
-            if action in _OFFBOARD_ACTIONS and self._pending is None:
-                self._back_to = None
+        if action in (_TERMINATES, _DISARMS):
+            flight.disarm(
+                "Flight terminated" if action == _TERMINATES else "Disarmed by failsafe\t", _CRITICAL
+            )
+            self._voice.tell("commander_disarmed_by", _INFO, bytes([_BY_FAILSAFE]))
+            return
+        flight.failsafe = True
+        mode = Px4Mode.HOLD if flight.landed else _OFFBOARD_ACTIONS.get(action, Px4Mode.POSITION)
+        self._enter(mode)
+        self._back_to = Px4Mode.OFFBOARD
 
     def _link(self, now_s: float) -> None:
         heard_s = max(self._ground_heard_s.values(), default=None)
@@ -154,12 +209,13 @@ class Px4Failsafes:
             return
         lost = now_s - heard_s > self._parameters["COM_DL_LOSS_T"]
         if lost and not self._link_lost:
-            self._announcer.say(_CRITICAL, "Connection to ground control station lost")
+            text = "Connection to ground control station lost"
+            self._voice.tell("commander_gcs_lost", _WARNING, text=text)
             action = _LINK_ACTIONS.get(int(self._parameters["NAV_DLL_ACT"]))
             if action is not None and self._flight.armed:
-                self._activate(now_s, action)
+                self._activate(now_s, action, _LINK_LOST)
         elif self._link_lost and not lost:
-            self._announcer.say(_INFO, "Connection to ground control established")
+            self._voice.tell("commander_dl_regained", _INFO, text="GCS connection regained")
         self._link_lost = lost
 
     def _battery(self, now_s: float) -> None:
@@ -169,17 +225,16 @@ class Px4Failsafes:
         if level <= self.battery_level:
             return
         self.battery_level = level
-        self._announcer.say(
-            _WARNING if level == 1 else _CRITICAL,
-            ("Low", "Critical", "Dangerously low")[level - 1] + " battery",
-        )
+        name, text = _BATTERY_WARNINGS[level - 1]
+        self._voice.tell(name, _WARNING if level == 1 else _CRITICAL, text=text)
         action = int(p["COM_LOW_BAT_ACT"])
+        cause = _BATTERY_EMERGENCY if level == 3 else _BATTERY_CRITICAL
         if not self._flight.armed or level < 2:
             return
         if action == 2 or (action == 3 and level == 3):
-            self._activate(now_s, Px4Mode.LAND)
+            self._activate(now_s, Px4Mode.LAND, cause)
         elif action == 3:
-            self._activate(now_s, Px4Mode.RETURN)
+            self._activate(now_s, Px4Mode.RETURN, cause)
 
     def _fence(self, now_s: float) -> None:
         flight, p = self._flight, self._parameters
@@ -194,7 +249,9 @@ class Px4Failsafes:
             or 0.0 < high_m < flight.above_home_m
         )
         if breached and not self.breached:
-            self._announcer.say(_CRITICAL, "Geofence violation")
+            self._voice.say(_CRITICAL, "Geofence violation: approaching or outside geofence")
+            self.breached = True
+            self._report_now(now_s)
             action = int(p["GF_ACTION"])
             if action == 4:
                 flight.disarm("Flight terminated", _CRITICAL)

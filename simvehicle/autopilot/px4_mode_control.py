@@ -3,22 +3,37 @@
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Callable
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from simvehicle.autopilot import px4_parameters
-from simvehicle.autopilot.announcer import Announcer
 from simvehicle.autopilot.commands import ACCEPTED, REJECTED
 from simvehicle.autopilot.flight import Flight
-from simvehicle.autopilot.maneuvers import Follow, HoldPosition, Idle, Land, Maneuver, Return, Sticks, TakeOff
+from simvehicle.autopilot.maneuvers import (
+    Follow,
+    HoldPosition,
+    Idle,
+    Land,
+    Maneuver,
+    Return,
+    Sink,
+    Sticks,
+    TakeOff,
+)
 from simvehicle.autopilot.mission_progress import MissionProgress
 from simvehicle.autopilot.parameters import Parameters
 from simvehicle.autopilot.px4_estimate import Px4Estimate
-from simvehicle.autopilot.px4_modes import NEED_POSITION, STICKS, Px4Mode
+from simvehicle.autopilot.px4_modes import CANNOT_ARM, NEED_POSITION, STICKS, Px4Mode
+from simvehicle.autopilot.px4_voice import Px4Voice
 from simvehicle.vehicle.controller import Motion
 
-_CRITICAL = mavlink.MAV_SEVERITY_CRITICAL
+_INFO = mavlink.MAV_SEVERITY_INFO
+_SINK_MPS = 1.0
+"""How a pilot's mode goes down, as recorded, when a failsafe chose it and nobody is at the sticks."""
+_TAKE_OFF_SHARE = 0.75
+"""Of MPC_TKO_SPEED: how fast the recorded one climbed on the whole."""
 _PILOT_S = 0.5
 """COM_RC_LOSS_T: sticks older than this are no sticks."""
 
@@ -50,7 +65,7 @@ class Px4ModeControl:
         self,
         flight: Flight,
         parameters: Parameters,
-        announcer: Announcer,
+        voice: Px4Voice,
         estimate: Px4Estimate,
         progress: MissionProgress,
         offboard: OffboardSetpoints,
@@ -58,13 +73,17 @@ class Px4ModeControl:
     ) -> None:
         self._flight = flight
         self._parameters = parameters
-        self._announcer = announcer
+        self._voice = voice
         self._estimate = estimate
         self._progress = progress
         self._offboard = offboard
         self._back = back
         self._speed_mps: float | None = None
         self.mode = Px4Mode.HOLD
+        self._after_disarming = Px4Mode.HOLD
+        """The mode to show when it has landed: the last one that one may take off in."""
+        self._tells_landing = False
+        flight.after_disarming.append(self._disarmed)
         self.sticks_s = -math.inf
         """When a pilot's sticks came last."""
         self.take_off_above_m: float | None = None
@@ -78,10 +97,12 @@ class Px4ModeControl:
         return int(self.mode)
 
     def base_mode(self) -> int:
-        flags = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
+        flags = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+        if self.mode is not Px4Mode.OFFBOARD or self._offboard.are_alive(self._flight.now_s):
+            flags |= mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
         if self.mode in STICKS:
             flags |= mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
-        else:
+        elif self.mode is not Px4Mode.OFFBOARD:
             flags |= mavlink.MAV_MODE_FLAG_GUIDED_ENABLED | mavlink.MAV_MODE_FLAG_AUTO_ENABLED
         if self._flight.armed:
             flags |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
@@ -117,17 +138,14 @@ class Px4ModeControl:
             return "no offboard signal"
         if mode in STICKS and not self.sticks_alive:
             return "no manual control input"
-        if mode is Px4Mode.MISSION and not self._progress.items:
+        if mode is Px4Mode.MISSION and not self._progress.can_fly:
             return "no valid mission available"
         return None
 
     def user_mode(self, mode: Px4Mode, user_chose: Callable[[], None]) -> int:
-        """A mode that somebody commands: MAV_RESULT. `user_chose`: called before it is entered."""
-        reason = self.why_not(mode)
-        strict = self._flight.armed or mode in (Px4Mode.OFFBOARD, Px4Mode.MISSION)
-        if reason is not None and strict:
-            self._announcer.say(_CRITICAL, f"Switching to {mode.name.title()} not possible")
-            self._announcer.say(_CRITICAL, reason)
+        """A mode that somebody commands: MAV_RESULT. `user_chose`: called before it is entered. On the ground every
+        mode may be chosen; whether it can be armed in it is another question."""
+        if self._flight.armed and self.why_not(mode) is not None:
             return REJECTED
         user_chose()
         self.enter(mode)
@@ -137,6 +155,8 @@ class Px4ModeControl:
         """Switch to a mode and begin what it does."""
         if mode is not self.mode:
             self.set_speed(None)
+        if mode not in CANNOT_ARM:
+            self._after_disarming = mode
         again = mode is self.mode and mode not in (Px4Mode.TAKEOFF, Px4Mode.MISSION)
         self.mode = mode
         if again and not isinstance(self._flight.maneuver, Idle):
@@ -147,24 +167,51 @@ class Px4ModeControl:
         """Do what the present mode does."""
         self._flight.maneuver = self._maneuver_of(self.mode) if self._flight.armed else Idle()
 
+    def fall_back(self, mode: Px4Mode) -> None:
+        """A failsafe's mode: what is gone back to after the landing stays what somebody wanted."""
+        wanted = self._after_disarming
+        self.enter(mode)
+        self._after_disarming = wanted
+
+    def _disarmed(self) -> None:
+        self.mode = self._after_disarming
+
     def _maneuver_of(self, mode: Px4Mode) -> Maneuver:
         offboard = self._offboard
         if mode in STICKS:
-            return Sticks(level=mode is not Px4Mode.POSITION)
+            level = mode is not Px4Mode.POSITION
+            return Sticks(level=level) if self.sticks_alive else Sink(_SINK_MPS, level=level)
         if mode is Px4Mode.OFFBOARD and offboard.motion is not None:
             return Follow(offboard.motion, offboard.given_s, face_travel=False, lifts_off=True)
         if mode is Px4Mode.LAND:
             return Land(with_position=self._estimate.position_ok)
         if mode is Px4Mode.RETURN:
-            return self._back()
+            return self._return()
         if mode is Px4Mode.MISSION:
             if self._progress.complete:
                 self._progress.from_the_start()
             return self._progress.start()
         if mode is Px4Mode.TAKEOFF:
             above_m = self.take_off_above_m or self._parameters["MIS_TAKEOFF_ALT"]
-            return TakeOff(max(above_m, self._flight.above_home_m), within_m=0.3)
+            p = self._parameters
+            return TakeOff(
+                max(above_m, self._flight.above_home_m),
+                within_m=p["NAV_MC_ALT_RAD"],
+                climb_mps=_TAKE_OFF_SHARE * p["MPC_TKO_SPEED"],
+            )
         return HoldPosition()
+
+    def _return(self) -> Return:
+        back, nav = self._back(), self._flight.nav
+        home = self._flight.home
+        if home is not None and nav.airborne:
+            above_m = nav.home_m[2] - back.travel_down_m
+            told = struct.pack("<ii", math.ceil(home.amsl_m + above_m), math.ceil(above_m))
+            amsl_m, over_m = struct.unpack("<ii", told)
+            text = f"RTL: start return at {amsl_m} m ({over_m} m above destination)"
+            self._voice.tell("vrtl_return_at", _INFO, told, text=text)
+            self._tells_landing = True
+        return back
 
     def arm(self) -> None:
         flight = self._flight
@@ -185,7 +232,12 @@ class Px4ModeControl:
     def step(self) -> None:
         """Modes that end by themselves end in Hold; sticks that nobody holds are centred."""
         maneuver = self._flight.maneuver
-        self.has_flown = self.has_flown or not self._flight.landed
+        if not self.has_flown and not self._flight.landed:
+            self.has_flown = True
+            self._voice.tell("commander_takeoff_detected", _INFO, text="Takeoff detected")
+        if self._tells_landing and isinstance(maneuver, Return) and maneuver.landing:
+            self._tells_landing = False
+            self._voice.tell("rtl_land_at_destination", _INFO, text="RTL: land at destination")
         if self.mode is Px4Mode.TAKEOFF and maneuver.finished:
             self.take_off_above_m = None
             self.enter(Px4Mode.HOLD)

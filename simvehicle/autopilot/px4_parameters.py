@@ -26,6 +26,9 @@ def limits(parameters: Parameters, speed_mps: float | None = None) -> Limits:
         land_mps=p["MPC_LAND_SPEED"],
         land_slow_below_m=p["MPC_LAND_ALT2"],
         return_speed_mps=speed_mps,
+        land_slows_from_m=p["MPC_LAND_ALT1"],
+        crawl_mps=p["MPC_LAND_CRWL"],
+        crawl_below_m=p["MPC_LAND_ALT3"],
     )
 
 

@@ -26,6 +26,7 @@ class StatusTelemetry:
         *,
         mav_autopilot: int,
         vtol_state: int,
+        no_mission_total: int,
     ) -> None:
         self._flight = flight
         self._progress = progress
@@ -35,6 +36,7 @@ class StatusTelemetry:
         self._health = health
         self._mav_autopilot = mav_autopilot
         self._vtol_state = vtol_state
+        self._no_mission_total = no_mission_total
 
     def messages(self) -> dict[int, Build]:
         return {
@@ -108,7 +110,7 @@ class StatusTelemetry:
             state = mavlink.MISSION_STATE_ACTIVE
         else:
             state = self._modes.mission_idle_state()
-        total = self._progress.total
+        total = self._progress.total if items else self._no_mission_total
         current = min(self._progress.next, max(0, len(items) - 1))
         return mavlink.MAVLink_mission_current_message(current, total, state, 1 if running else 0)
 

@@ -43,6 +43,8 @@ class ListStyle:
     """A list was replaced."""
     progress: Callable[[int, int], None]
     """(list, items now stored)"""
+    refuses_fences: bool = True
+    """A fence that is none is refused; PX4 takes it, and says afterwards what is wrong with it."""
 
 
 class FenceAreas:
@@ -99,8 +101,10 @@ class UploadedLists:
             try:
                 self._fence.areas = areas_of(items, self._local)
             except FenceError as error:
-                self._say(mavlink.MAV_SEVERITY_WARNING, str(error))
-                return int(mavlink.MAV_MISSION_INVALID_PARAM1)
+                if self._style.refuses_fences:
+                    self._say(mavlink.MAV_SEVERITY_WARNING, str(error))
+                    return int(mavlink.MAV_MISSION_INVALID_PARAM1)
+                self._fence.areas = ()
         if kind == MISSION:
             self._progress.replaced(items)
         self._style.accepted(kind, items)

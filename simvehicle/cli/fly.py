@@ -24,7 +24,8 @@ def fly(
     fault: Annotated[
         list[str] | None,
         typer.Option(
-            help="INSTRUMENT-unplug:DRONE@SECONDS, or gps-loss, battery-low, motor, silence:DRONE@SECONDS[-UNTIL]."
+            help="INSTRUMENT-unplug:DRONE@SECONDS, or gps-loss, battery-low, motor, tumble or silence instead; "
+            "with -SECONDS behind it mends itself."
         ),
     ] = None,
     speedup: Annotated[

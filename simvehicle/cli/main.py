@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import typer
 
+from flightstack.command_line import run_program, versioned
 from simvehicle.cli import experiment, fly, run, trial
 
 app = typer.Typer(
@@ -11,19 +12,20 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
+app.callback()(versioned)
 for command in (run.run, fly.fly, experiment.experiment, trial.trial):
     app.command()(command)
 
 
 def main() -> None:
     """Entry point: what a person can mend is one line and exit code 2."""
+    run_program("simvehicle", app, _exit_code_of)
+
+
+def _exit_code_of(error: Exception) -> int | None:
     from mission.documents.yaml_file import DocumentError
 
-    try:
-        app()
-    except DocumentError as error:
-        typer.echo(f"simvehicle: {error}", err=True)
-        raise SystemExit(2) from None
+    return 2 if isinstance(error, DocumentError) else None
 
 
 if __name__ == "__main__":

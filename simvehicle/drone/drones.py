@@ -52,6 +52,9 @@ class Drone:
     def set_motors(self, working: bool) -> None:
         self.vehicle.set_motors(working)
 
+    def set_turned_over(self, turned_over: bool) -> None:
+        self.vehicle.set_turned_over(turned_over)
+
     def set_silent(self, silent: bool) -> None:
         self.vehicle.set_silent(silent)
 

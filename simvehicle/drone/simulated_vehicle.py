@@ -116,6 +116,10 @@ class SimulatedVehicle:
     def set_motors(self, working: bool) -> None:
         self._body.failed = not working
 
+    def set_turned_over(self, turned_over: bool) -> None:
+        """It falls on its back, motors stopped."""
+        self._body.failed = self._body.turned_over = turned_over
+
     def weaken_battery(self) -> None:
         """A cell fails: what is left is below the limit at which the stock battery failsafe acts."""
         self.autopilot.weaken_battery()

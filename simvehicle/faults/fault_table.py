@@ -10,7 +10,7 @@ from msgspec import Meta
 
 from flightstack.config import Section
 
-FaultKind = Literal["unplug", "gps_loss", "battery_low", "motor", "silence"]
+FaultKind = Literal["unplug", "gps_loss", "battery_low", "motor", "tumble", "silence"]
 
 
 class FaultSpec(Section, frozen=True, kw_only=True):
@@ -19,7 +19,8 @@ class FaultSpec(Section, frozen=True, kw_only=True):
     drone: int
     at_s: Annotated[float, Meta(ge=0.0)]
     kind: FaultKind
-    """"unplug" needs `instrument`; "silence" stops the vehicle's MAVLink; "motor" makes it fall."""
+    """"unplug" needs `instrument`; "silence" stops the vehicle's MAVLink; "motor" makes it fall flat,
+    "tumble" on its back."""
     instrument: str = ""
     until_s: float | None = None
     """When it mends itself; None: never."""
@@ -35,6 +36,10 @@ class Victim(Protocol):
     def set_gps(self, working: bool) -> None: ...
 
     def set_motors(self, working: bool) -> None: ...
+
+    def set_turned_over(self, turned_over: bool) -> None:
+        """Its motors stop, and it falls on its back."""
+        ...
 
     def set_silent(self, silent: bool) -> None:
         """Its autopilot neither sends nor hears."""
@@ -62,6 +67,7 @@ FAULTS: dict[FaultKind, Fault] = {
     "gps_loss": Fault(lambda victim, _: victim.set_gps(False), lambda victim, _: victim.set_gps(True)),
     "battery_low": Fault(lambda victim, _: victim.weaken_battery()),
     "motor": Fault(lambda victim, _: victim.set_motors(False), lambda victim, _: victim.set_motors(True)),
+    "tumble": Fault(lambda victim, _: victim.set_turned_over(True)),
     "silence": Fault(lambda victim, _: victim.set_silent(True), lambda victim, _: victim.set_silent(False)),
 }
 """By the names that survey files and `--fault` use (there with "-" for "_")."""

@@ -127,6 +127,11 @@ class ReportedVehicle:
             f"motors to be working: {working}; not every ArduCopter can simulate that"
         )
 
+    def set_turned_over(self, turned_over: bool) -> None:
+        raise UnreachableFaultError(
+            f"attitude to be turned over: {turned_over}; no ArduCopter simulates that"
+        )
+
     def set_silent(self, silent: bool) -> None:
         raise UnreachableFaultError(f"links to be silent: {silent}; the vehicle's own do not go through us")
 

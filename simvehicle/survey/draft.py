@@ -222,4 +222,5 @@ def _failsafe_parameters(survey: Survey, drone: SurveyDrone, index: int) -> dict
     above_home_m = formation.above_home_m + formation.layer_gap_m * (index % formation.layers + 1)
     if drone.flavour == "ardupilot":
         return {"RTL_ALT": round(above_home_m * 100.0), "GUID_TIMEOUT": 1.0}  # centimetres, seconds
-    return {"RTL_RETURN_ALT": above_home_m}
+    # When its agent dies it comes home, at this altitude also from nearby.
+    return {"RTL_RETURN_ALT": above_home_m, "COM_OBL_RC_ACT": 3.0, "RTL_CONE_ANG": 0.0}

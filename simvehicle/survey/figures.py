@@ -50,6 +50,8 @@ _PHASE_FILLS: dict[Phase, str] = {
     Phase.HOLDING: "#e2b6e8",
     Phase.RETURNING: "#c6e0b4",
     Phase.LANDING: "#a2cf8b",
+    Phase.RTL: "#b4d7a3",
+    Phase.CRASHED: "#c00000",
     Phase.PILOT: "#ff9b9b",
 }
 """Phases on the ground stay white."""

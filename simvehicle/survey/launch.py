@@ -10,10 +10,10 @@ import sys
 from collections.abc import Callable
 
 import msgspec
-import yaml
 
 from flightstack.recording.shared_clock import ClockCells
 from mission.documents.yaml_file import DocumentError
+from mission.documents.yaml_values import text_of
 from simvehicle.survey.draft import (
     GROUND,
     VEHICLES,
@@ -116,5 +116,5 @@ def start(prepared: Prepared, processes: Processes, commands: Commands = install
 
 
 def _write(path: pathlib.Path, content: object) -> None:
-    text = yaml.safe_dump(msgspec.to_builtins(content), sort_keys=False, width=110)
+    text = text_of(msgspec.to_builtins(content))
     path.write_text(text, encoding="utf-8")

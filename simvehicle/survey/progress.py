@@ -139,7 +139,7 @@ class LiveTable(_View):
             excess, up = state.excess_co2_ppm, state.position_ned_m
             table.add_row(
                 str(drone),
-                Text(phase, style="red" if phase in ("dead", "silent", "pilot") else ""),
+                Text(phase, style="red" if phase in ("dead", "silent", "pilot", "crashed") else ""),
                 state.mode,
                 "" if state.slot is None else str(state.slot),
                 "" if up is None else f"{0.0 - up[2]:.1f}",

@@ -191,7 +191,7 @@ class Supervisor:
             )
             self._order(CommandName.ABORT, wall_s)
         elif now_s - self._flying_since_s > SETTLE_S and all(
-            watch.states[d].phase in (Phase.LANDED, Phase.DISARMED) for d in self.alive
+            watch.states[d].phase in (Phase.LANDED, Phase.CRASHED, Phase.DISARMED) for d in self.alive
         ):
             texts = "; ".join(f"drone {e.drone}: {e.text}" for e in watch.log().events if e.code == "arming")
             self._end(

@@ -26,10 +26,10 @@ from flightstack.config import (
     SwarmConfig,
 )
 from flightstack.config_file import problems
-from mission.documents.plan_file import read_plan
+from mission.documents.fence_section import FenceChoice, read_section
 from mission.documents.yaml_file import DocumentError, line_of, parse, read_text
 from mission.geometry.frames import LocalFrame
-from mission.geometry.geofence import Circle, Geofence, LocalFence, Vertex
+from mission.geometry.geofence import Geofence, LocalFence
 from sensors.instruments.sensor_error import SensorError
 from simvehicle.autopilot.parameters import Parameters, UnknownParameterError
 from simvehicle.faults.fault_table import FAULTS, FaultSpec
@@ -85,17 +85,6 @@ class LaunchLine(Section, frozen=True, kw_only=True):
             )
 
 
-class SurveyFence(Section, frozen=True, kw_only=True):
-    """The geofence: areas of (latitude, longitude) vertices, or the fence of a QGroundControl .plan file."""
-
-    file: str | None = None
-    """Relative to the survey file."""
-    inclusion: tuple[tuple[Vertex, ...], ...] = ()
-    exclusion: tuple[tuple[Vertex, ...], ...] = ()
-    inclusion_circles: tuple[Circle, ...] = ()
-    exclusion_circles: tuple[Circle, ...] = ()
-
-
 class SurveyConfig(WorldConfig, frozen=True, kw_only=True):
     name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]+$")]
     """Names the swarm and the output directory."""
@@ -105,7 +94,7 @@ class SurveyConfig(WorldConfig, frozen=True, kw_only=True):
     instruments: tuple[InstrumentChoice, ...] = (InstrumentChoice(name="co2", type="sba5"),)
     formation: FormationConfig = FormationConfig()
     limits: LimitsConfig = LimitsConfig()
-    geofence: SurveyFence | None = None
+    geofence: FenceChoice = None
     strategy: StrategyConfig = StrategyConfig()
     speedup: Annotated[float, Meta(gt=0.0, le=20.0)] = 5.0
     """How many times faster than real time everything runs; a busy machine needs a lower one."""
@@ -160,7 +149,7 @@ def parse_survey(
 
 
 _FAULT = re.compile(
-    r"^(?:(?P<instrument>[A-Za-z0-9_]+)-)?(?P<kind>unplug|gps[_-]loss|battery[_-]low|motor|silence)"
+    r"^(?:(?P<instrument>[A-Za-z0-9_]+)-)?(?P<kind>unplug|gps[_-]loss|battery[_-]low|motor|tumble|silence)"
     r":(?P<drone>\d+)@(?P<at>\d+(?:\.\d+)?)(?:-(?P<until>\d+(?:\.\d+)?))?$"
 )
 
@@ -171,7 +160,7 @@ def parse_fault(text: str) -> FaultSpec:
     if match is None or (match["kind"] == "unplug") != (match["instrument"] is not None):
         raise DocumentError(
             f"--fault {text}",
-            "write INSTRUMENT-unplug:DRONE@SECONDS, or gps-loss, battery-low, motor or silence "
+            "write INSTRUMENT-unplug:DRONE@SECONDS, or gps-loss, battery-low, motor, tumble or silence "
             "instead of INSTRUMENT-unplug, with -SECONDS behind if it mends itself",
         )
     fault: FaultSpec = msgspec.convert(
@@ -322,23 +311,8 @@ class _Checks:
             )
 
     def _geofence(self) -> Geofence | None:
-        given = self._config.geofence
-        if given is None:
-            return None
-        areas = (given.inclusion, given.exclusion, given.inclusion_circles, given.exclusion_circles)
-        if given.file is None:
-            return self._checked(Geofence(*areas), "geofence")
-        if any(areas):
-            raise self._fail("geofence.file", "give either a file or areas, not both")
-        path = pathlib.Path(self._file).parent / given.file
-        fence = read_plan(path).geofence
-        if fence is None:
-            raise self._fail("geofence.file", f"{path} has no geofence")
-        return self._checked(fence, "geofence.file")
-
-    def _checked(self, fence: Geofence, field: str) -> Geofence:
-        for problem in fence.problems():
-            raise self._fail(field, problem)
+        fence, warnings = read_section(self._config.geofence, self._file, self._text)
+        self._warnings += warnings
         return fence
 
     def _in_the_fence(self, drones: tuple[SurveyDrone, ...], fence: Geofence | None) -> None:

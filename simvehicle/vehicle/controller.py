@@ -35,8 +35,25 @@ class Limits:
     tilt_rad: float
     land_mps: float
     land_slow_below_m: float
-    """Above home: where a landing slows down from `descent_mps` to `land_mps`."""
+    """Above home: where a landing has slowed down from `descent_mps` to `land_mps`."""
     return_speed_mps: float
+    land_slows_from_m: float = 0.0
+    """Above home: where it begins to; not above `land_slow_below_m`: at once."""
+    crawl_mps: float = 0.0
+    crawl_below_m: float = 0.0
+    """Above home: the last bit goes as slowly as this."""
+
+    def landing_mps(self, above_home_m: float) -> float:
+        """How fast a landing goes down at a height."""
+        if self.crawl_mps > 0.0 and above_home_m < self.crawl_below_m:
+            return self.crawl_mps
+        if above_home_m <= self.land_slow_below_m:
+            return self.land_mps
+        slowing_m = self.land_slows_from_m - self.land_slow_below_m
+        if slowing_m <= 0.0 or above_home_m >= self.land_slows_from_m:
+            return self.descent_mps
+        share = (above_home_m - self.land_slow_below_m) / slowing_m
+        return self.land_mps + share * (self.descent_mps - self.land_mps)
 
 
 @dataclasses.dataclass(slots=True)

@@ -46,6 +46,7 @@ class Multirotor:
         "position",
         "thrust",
         "thrust_before",
+        "turned_over",
         "velocity",
         "yaw_rad",
         "yaw_rate_radps",
@@ -63,6 +64,8 @@ class Multirotor:
         self.on_ground = True
         self.failed = False
         """The motors give nothing any more."""
+        self.turned_over = False
+        """It fell out of its attitude and stays on its back."""
         self.impact_mps: float | None = None
         """Speed at the last touch of the ground; whoever reads it sets it back to None."""
 
@@ -116,6 +119,8 @@ class Multirotor:
     @property
     def attitude_rad(self) -> Vector3:
         """Roll, pitch, yaw of the body (aerospace sequence), from where the thrust points."""
+        if self.turned_over:
+            return math.pi, 0.0, self.yaw_rad
         if self.on_ground:
             return 0.0, 0.0, self.yaw_rad
         return attitude_of(self.thrust, self.yaw_rad)

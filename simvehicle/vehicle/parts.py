@@ -19,6 +19,8 @@ class Body(Protocol):
     on_ground: bool
     failed: bool
     """The motors give nothing any more."""
+    turned_over: bool
+    """It fell out of its attitude and stays on its back."""
     impact_mps: float | None
     """Speed at the last touch of the ground; whoever reads it sets it back to None."""
 

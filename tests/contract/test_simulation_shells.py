@@ -56,12 +56,14 @@ def fleet_config(flavour: str, link_port: int, instrument_port: int) -> FleetCon
 
 
 def flown_in_a_scenario(config: FleetConfig) -> list[Tick]:
+    flavour = config.vehicles[0].flavour
+    parameters = {"COM_OBL_RC_ACT": 3, "RTL_CONE_ANG": 0} if flavour == "px4" else {}
     drone = msgspec.convert(
         {
             "drone": 1,
             "swarm": {"name": "shells", "members": [1]},
             "origin": msgspec.to_builtins(config.origin),
-            "autopilot": {"link": "udpin:127.0.0.1:1", "flavour": config.vehicles[0].flavour},
+            "autopilot": {"link": "udpin:127.0.0.1:1", "flavour": flavour, "parameters": parameters},
             "instruments": [{"name": "co2", "type": "sba5", "port": "socket://127.0.0.1:1"}],
             "seed": 11,
         },

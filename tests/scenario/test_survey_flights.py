@@ -263,7 +263,7 @@ def test_commands_that_end_a_survey_bring_everybody_down(name: CommandName) -> N
 def test_a_drone_whose_motors_stop_in_the_air_is_told_to_be_down() -> None:
     flight = scenario(seed=8)
     flight.run(40.0)
-    flight.members[2].vehicle.stop_motors("Crash: Disarming")
+    flight.members[2].vehicle.stop_motors("Disarming motors")
     assert flight.run_until(lambda: 2 not in dict(flight.trees[1].slots), 15.0)
     told = {e.code: e.text for at_s, e in flight.events if e.sender == 2 and at_s > flight.now_s - 15.0}
     assert told["down"] == "landed: disarmed during the survey"

@@ -42,7 +42,7 @@ DRONE = """
 drone: 1
 swarm: {{name: alone, members: [1], listen: ["tcp/127.0.0.1:{tcp}"]}}
 origin: {{latitude_deg: -5.06, longitude_deg: 151.3, amsl_m: 500.0}}
-autopilot: {{link: "{link}", flavour: {flavour}}}
+autopilot: {{link: "{link}", flavour: {flavour}{parameters}}}
 instruments: [{{name: co2, type: sba5, port: "socket://127.0.0.1:{instrument}"}}]
 geofence: {{inclusion_circles: [{{latitude_deg: -5.06, longitude_deg: 151.3, radius_m: 300.0}}]}}
 speedup: {speedup}
@@ -112,6 +112,7 @@ class Rig:
         known = {
             "udp": udp, "tcp": self.tcp, "instrument": instrument, "flavour": flavour, "speedup": SPEEDUP,
             "recordings": self.recordings, "truth": self.truth,
+            "parameters": ", parameters: {COM_OBL_RC_ACT: 3, RTL_CONE_ANG: 0}" if flavour == "px4" else "",
             "link": f"udpin:127.0.0.1:{udp}" if serial_port is None else f"{serial_port},115200",
         }  # fmt: skip
         self._fleet, self._drone = directory / "fleet.yaml", directory / "drone.yaml"

@@ -100,7 +100,7 @@ def test_a_drones_file(tmp_path: pathlib.Path, old: str, new: str, at: str, says
         (bytes(range(256)), "cannot be read"),
         (b"drone: 1\n\tswarm: 2\n", ":2: "),
         (b"drone: 1\ndrone: 2\n", ":2: the key 'drone' stands twice"),
-        (b"drone: 2020-99-99\n", "a value cannot be read: month must be"),
+        (b"drone: 2020-99-99\n", ":1: drone: Expected `int`, got `str`"),
         (b"drone: " + b"9" * 5000, "a value cannot be read"),
         (b"a: " + b"[" * 5000 + b"]" * 5000, "nested too deeply"),
     ],

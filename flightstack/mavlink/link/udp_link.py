@@ -24,10 +24,14 @@ class UdpInLink:
         self.dropped_bytes = 0
         self._socket = bound_socket(text, host, port, socket.SOCK_DGRAM)
         self._heard_s: dict[tuple[str, int], float] = {}
+        self._was_sent_to = False
 
     @property
     def problem(self) -> str:
-        return "" if self._senders() else f"nobody has sent to {self.describe} lately"
+        if self._senders():
+            return ""
+        since = f"for {_SENDER_KEPT_S:.0f} s" if self._was_sent_to else "yet"
+        return f"nobody has sent to {self.describe} {since}"
 
     @property
     def port(self) -> int:
@@ -44,6 +48,7 @@ class UdpInLink:
             except ConnectionError:  # a former peer's port is closed (Windows tells that here)
                 continue
             pieces += data
+            self._was_sent_to = True
             self._heard_s.pop(sender, None)  # to the end, so that the first are the longest silent
             self._heard_s[sender] = time.monotonic()
         while len(self._heard_s) > _SENDERS_AT_MOST:

@@ -55,18 +55,28 @@ class AgentFlight:
         self.setpoints: list[Any] = []
         """Of the newest tick."""
 
-    def tick(self, *commands: CommandName, silent: bool = False) -> Outputs:
+    def tick(
+        self,
+        *commands: CommandName,
+        silent: bool = False,
+        beside: bytes = b"",
+        storage: str = "",
+        without_recording: bool = False,
+    ) -> Outputs:
+        """`beside`: what others say on the vehicle's link; `storage`: why nothing is recorded."""
         self.now_s += TICK_S
-        said = b"" if silent else self.autopilot.say(self.now_s)
+        said = beside + (b"" if silent else self.autopilot.say(self.now_s))
         peers = tuple(
             PeerMessage(
                 "command",
                 "ground",
-                topics.COMMAND.codec.encode(Command(f"{name}-{len(self.inputs)}", "ground", 0, name)),
+                topics.COMMAND.codec.encode(
+                    Command(f"{name}-{len(self.inputs)}", "ground", 0, name, without_recording)
+                ),
             )
             for name in commands
         )
-        inputs = Inputs(said, (), peers)
+        inputs = Inputs(said, (), peers, storage=storage)
         outputs = self.agent.step(self.now_s, inputs)
         self.inputs.append((self.now_s, inputs))
         self.outputs.append(outputs)
@@ -181,12 +191,15 @@ def test_a_pause_holds_the_place(flight: AgentFlight) -> None:
     assert flight.tick(CommandName.RESUME).status.phase is Phase.FORMING
 
 
-@pytest.mark.parametrize(("name", "mode"), [(CommandName.LAND, LAND), (CommandName.RTL, RTL)])
+@pytest.mark.parametrize(
+    ("name", "mode", "phase"),
+    [(CommandName.LAND, LAND, Phase.LANDING), (CommandName.RTL, RTL, Phase.RTL)],
+)
 def test_a_command_that_brings_it_down_gives_the_vehicle_to_the_autopilot(
-    flight: AgentFlight, name: CommandName, mode: int
+    flight: AgentFlight, name: CommandName, mode: int, phase: Phase
 ) -> None:
     flight.to(Phase.SEARCHING)
-    assert flight.tick(name).status.phase is Phase.LANDING
+    assert flight.tick(name).status.phase is phase
     assert flight.setpoints == []
     for _ in range(5):
         flight.tick()
@@ -194,6 +207,125 @@ def test_a_command_that_brings_it_down_gives_the_vehicle_to_the_autopilot(
     assert flight.autopilot.mode == mode
     flight.autopilot.armed, flight.autopilot.up_m = False, 0.0
     assert flight.tick().status.phase is Phase.LANDED
+
+
+FULL = "flights/drone-1-7.mcap: recording has ended: No space left on device"
+
+
+def test_a_flight_that_cannot_be_recorded_is_not_started_unless_told_otherwise(flight: AgentFlight) -> None:
+    flight.tick(storage=FULL)
+    (outcome,) = told(flight.tick(CommandName.START, storage=FULL), CommandOutcome)
+    assert (outcome.result, flight.outputs[-1].status.phase) == (Result.REFUSED, Phase.DISARMED)
+    assert outcome.reason == f"{FULL}; mend it, or start with --without-recording"
+    (outcome,) = told(flight.tick(CommandName.START, storage=FULL, without_recording=True), CommandOutcome)
+    assert (outcome.result, flight.outputs[-1].status.phase) == (Result.ACCEPTED, Phase.ARMING)
+
+
+def test_a_disk_that_fills_up_in_flight_is_told_and_ends_nothing(flight: AgentFlight) -> None:
+    flight.to(Phase.SEARCHING)
+    for _ in range(10):
+        outputs = flight.tick(storage=FULL)
+        assert outputs.status.phase is Phase.SEARCHING
+        assert len(flight.setpoints) == 1
+    states = [state for tick in flight.outputs[-5:] for state in told(tick, DroneState)]
+    assert {state.storage for state in states} == {FULL}
+    (outcome,) = told(flight.tick(CommandName.START, storage=FULL), CommandOutcome)
+    assert outcome.result is Result.ACCEPTED, "it flies already"
+    for _ in range(3):
+        flight.tick()
+    assert flight.events("recording") == [
+        (Severity.WARNING, FULL),
+        (Severity.INFO, "the flight is recorded again"),
+    ]
+    assert [s.storage for tick in flight.outputs[-2:] for s in told(tick, DroneState)] == [""]
+
+
+def test_a_drone_whose_number_another_agent_has_is_not_started(flight: AgentFlight) -> None:
+    flight.tick()
+    (state,) = [s for tick in [flight.tick(), flight.tick()] for s in told(tick, DroneState)]
+    twin = msgspec.structs.replace(state, incarnation=99)
+    message = PeerMessage("state", "1", topics.STATE.codec.encode(twin))
+    start = PeerMessage(
+        "command", "ground", topics.COMMAND.codec.encode(Command("s", "ground", 0, CommandName.START))
+    )
+    flight.now_s += TICK_S
+    outputs = flight.agent.step(
+        flight.now_s, Inputs(flight.autopilot.say(flight.now_s), (), (message, start))
+    )
+    (outcome,) = told(outputs, CommandOutcome)
+    assert outcome.result is Result.REFUSED
+    assert "another agent says that it is drone 1 too" in outcome.reason
+    for _ in range(60):
+        flight.tick()
+    (outcome,) = told(flight.tick(CommandName.START), CommandOutcome)
+    assert outcome.result is Result.ACCEPTED, "the twin is gone"
+
+
+STRANGERS = (
+    "ping0",
+    "ping8",
+    "gimbal0",
+    "gimbal3",
+    "camera",
+    "companion",
+    "copter154",
+    "qgc",
+    "other2",
+    "sys0",
+)
+
+
+@pytest.mark.parametrize("kind", [*STRANGERS, "veh255"])
+def test_what_else_is_on_the_link_is_never_the_vehicle(
+    flight: AgentFlight, neighbours: Any, kind: str
+) -> None:
+    """It talks beside the vehicle, then alone while that is silent, then beside it again."""
+    flight.to(Phase.SEARCHING)
+    for tick in range(100):
+        outputs = flight.tick(silent=True, beside=neighbours.talkative(kind) if tick % 5 == 0 else b"")
+        assert outputs.status.phase is Phase.SEARCHING
+        assert outputs.status.airborne
+    assert not outputs.status.connected
+    for tick in range(30):
+        outputs = flight.tick(beside=neighbours.talkative(kind) if tick % 5 == 0 else b"")
+    states = [state for tick in flight.outputs for state in told(tick, DroneState)]
+    assert not any(state.mode.startswith("MODE_") for state in states)
+    assert (outputs.status.phase, outputs.status.airborne, outputs.status.steerable) == (
+        Phase.SEARCHING,
+        True,
+        True,
+    )
+    assert len(flight.setpoints) == 1
+    assert flight.events("pilot") == []
+    assert flight.events("statustext") == []
+
+
+@pytest.mark.parametrize("kind", [*STRANGERS, "generic1", "rover1", "gcs1", "veh251"])
+def test_what_is_heard_first_or_alone_is_never_the_vehicle(
+    flight: AgentFlight, neighbours: Any, kind: str
+) -> None:
+    for _ in range(20):
+        outputs = flight.tick(silent=True, beside=neighbours.talkative(kind))
+    assert (outputs.status.connected, outputs.status.airborne, outputs.status.phase) == (
+        False,
+        False,
+        Phase.DISARMED,
+    )
+    (state,) = [s for tick in flight.outputs[-2:] for s in told(tick, DroneState)]
+    assert (state.mode, state.position_ned_m, state.battery_fraction) == ("", None, None)
+    assert flight.to(Phase.SEARCHING).outputs[-1].status.steerable
+
+
+def test_an_answer_of_another_component_is_none(flight: AgentFlight, neighbours: Any) -> None:
+    """A refusal from a gimbal must not end a start that the autopilot has not answered yet."""
+    flight.autopilot.obeys = False
+    flight.autopilot.ready = False
+    flight.tick()
+    flight.tick(CommandName.START)
+    for _ in range(20):
+        flight.tick(beside=neighbours.talkative("gimbal3"))
+    assert flight.outputs[-1].status.phase is Phase.ARMING
+    assert flight.events("arming") == []
 
 
 def test_when_the_pilot_takes_the_mode_nothing_more_is_sent_in_the_same_tick(flight: AgentFlight) -> None:

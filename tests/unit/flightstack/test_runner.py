@@ -276,6 +276,15 @@ def test_every_tick_is_recorded_and_can_be_flown_again(
     assert (result.ticks, result.differing) == (60, 0)
 
 
+def test_the_agent_is_told_while_nothing_is_recorded(rig: RunnerRig, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig.ticks(1)
+    with monkeypatch.context() as patched:
+        patched.setattr(AgentRecording, "problem", "the disk is full")
+        rig.ticks(1)
+    rig.ticks(1)
+    assert [inputs.storage for _, inputs in rig.scripted.got] == ["", "the disk is full", ""]
+
+
 def test_closing_closes_every_end(rig: RunnerRig) -> None:
     rig.shell.close()
     assert rig.link.closed

@@ -179,6 +179,9 @@ class TalkingFleet:
         self.talking: dict[int, dict[str, Any]] = {member: {} for member in members}
         self.trees: dict[int, TreeState] = {}
         self.flying: dict[int, SpeakingAutopilot] = {}
+        self.beside: Callable[[], bytes] | None = None
+        """What others say on the link."""
+        self._codec = MavlinkCodec(255, 190, vehicle_state.STATES, vehicle_state.EVENTS)
         self._sequence = 0
 
     def tick(self, now_s: float) -> FleetView:
@@ -187,10 +190,10 @@ class TalkingFleet:
             self.view.receive_peer(now_s, received(make_state(drone, sequence=self._sequence, **changes)))
             if drone in self.trees:
                 self.view.receive_peer(now_s, received(self.trees[drone]))
-        codec = MavlinkCodec(255, 190, vehicle_state.STATES, vehicle_state.EVENTS)
-        for vehicle in self.flying.values():
-            for message in codec.receive(now_s, vehicle.everything()):
-                self.view.receive_mavlink(now_s, 0, message)
+        said = [vehicle.everything() for vehicle in self.flying.values()]
+        said += [self.beside()] if self.beside is not None else []
+        for message in self._codec.receive(now_s, b"".join(said)):
+            self.view.receive_mavlink(now_s, 0, message)
         return self.view
 
 

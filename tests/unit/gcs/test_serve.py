@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import shutil
 
 import pytest
 
@@ -53,3 +54,15 @@ def test_a_vehicles_log_that_was_left_behind_is_kept(tmp_path, opened):
     second.close()
     assert second.problems() == set()
     assert {name: (tmp_path / name).read_bytes() for name in left} == left
+
+
+def test_a_directory_that_vanishes_is_made_again(tmp_path, opened):
+    directory = tmp_path / "flights"
+    directory.mkdir()
+    recordings = opened(directory, "first")
+    shutil.rmtree(directory)
+    recordings.write(1.0, StationOutputs((), (), (), (Frame(3, b"late"),), ()))
+    recordings.close()
+    assert recordings.problems() == set()
+    assert recordings.timeline.path.exists()
+    assert {path.name.split("-")[1] for path in directory.glob("vehicle-*.tlog")} == {"1", "2", "3"}

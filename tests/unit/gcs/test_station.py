@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.mavlink.codec import MavlinkCodec
 from flightstack.swarm import topics
-from flightstack.swarm.wire import Command, CommandName, Phase, Result
+from flightstack.swarm.wire import Command, CommandName, Event, GroundBeat, Phase, Result, Severity
 from flightstack.transport.memory import MemoryRadio
 from gcs.connection import RECEIVED
 from gcs.station import Station
@@ -26,6 +26,7 @@ class Surroundings:
         self.nodes = {"ground": self.radio.join("ground", RECEIVED)}
         self.agents = {1: {}, 2: {}, 3: {}}
         self.vehicles = []
+        self.beside = None
         self.published = []
         self.sent = []
         self.sequences = []
@@ -54,6 +55,8 @@ class Surroundings:
                     self.say(self.state(drone, sequence=tick, **changes))
             self.radio.step(self.now_s)
             data = b"".join(v.everything() for v in self.vehicles) if tick % 5 == 0 else b""
+            if self.beside is not None and tick % 5 == 0:
+                data += self.beside()
             outputs = self.station.step(self.now_s, self.nodes["ground"].receive(), [data])
             self.published += [(self.now_s, topic, message) for topic, message in outputs.publish]
             for frame, message in self._reader.receive_frames(self.now_s, outputs.writes[0]):
@@ -166,7 +169,8 @@ def test_alarms_are_events_once_and_reported_every_second(world):
     assert any(a.code == "battery" for a in world.told(topics.REPORT)[-1].alarms)
     world.agents[1] = {}
     world.run(5.0)
-    assert [e.text[:5] for e in world.told(topics.EVENT) if e.code == "battery"][-1] == "over:"
+    texts = [e.text for e in world.told(topics.EVENT) if e.code == "battery"]
+    assert texts[1:] == ["its battery is above the limit again"]
     assert world.told(topics.REPORT)[-1].alarms == ()
 
 
@@ -266,3 +270,170 @@ def test_status_texts_of_orphans_are_passed_on(world, autopilot):
     events = [m for t, m in outputs.publish if t is topics.EVENT]
     assert ("statustext", "Battery failsafe") in [(e.code, e.text) for e in events]
     assert any(entry.topic == "/statustext/2" for entry in outputs.timeline)
+
+
+def alarm_codes(world):
+    return {(alarm.drone, alarm.code) for alarm in world.told(topics.REPORT)[-1].alarms}
+
+
+def test_a_vehicle_that_is_no_member_is_sent_nothing_and_is_gone_when_it_is_gone(world, autopilot):
+    world.vehicles = [autopilot(251)]
+    world.run(10.0)
+    assert (251, "foreign") in alarm_codes(world)
+    assert [v.drone for v in world.told(topics.TRAFFIC)[-1].vehicles] == [251], "the drones keep clear of it"
+    world.run(1.0, Command("op-1", "op", 251, CommandName.RTL))
+    world.vehicles = []
+    world.run(60.0)
+    assert [m for _, m in world.sent if m.name != "HEARTBEAT"] == []
+    (outcome,) = world.told(topics.OUTCOME)
+    assert (outcome.sender, outcome.result) == (251, Result.REFUSED)
+    assert "no member of this swarm" in outcome.reason
+    assert alarm_codes(world) == set()
+    assert world.told(topics.REPORT)[-1].vehicles == ()
+    codes = {event.code for event in world.told(topics.EVENT) if event.sender == 251}
+    assert codes == {"foreign"}
+
+
+@pytest.mark.parametrize("kind", ["ping0", "ping8", "gimbal3", "copter154", "camera", "sys0"])
+def test_what_else_is_on_the_link_changes_nothing_of_a_flying_drone(world, autopilot, neighbours, kind):
+    """Also while its agent is silent: then the vehicle's own word is all that there is."""
+    world.vehicles = [autopilot(1)]
+    world.beside = lambda: neighbours.talkative(kind)
+    world.run(10.0)
+    assert alarm_codes(world) == set()
+    del world.agents[1]
+    world.run(4.0)
+    assert alarm_codes(world) == {(1, "orphan")}
+    (heard,) = world.told(topics.REPORT)[-1].vehicles
+    assert (heard.drone, heard.mode, heard.airborne) == (1, "GUIDED", True)
+
+
+def test_a_twin_that_comes_and_goes_sends_no_drone_home(world, autopilot, state):
+    world.vehicles = [autopilot(1)]
+    world.agents[1] = {"ticks": 9000}
+    world.run(10.0)
+    for tick in range(25):
+        twin = state(
+            1,
+            incarnation=9,
+            sequence=tick,
+            phase=Phase.DISARMED,
+            armed=False,
+            airborne=False,
+            position_ned_m=None,
+        )
+        world.run(0.2, twin)
+    assert alarm_codes(world) == {(1, "identity")}
+    world.run(60.0)
+    assert alarm_codes(world) == set()
+    assert world.commands(mavlink.MAV_CMD_DO_SET_MODE) == []
+
+
+def rivals(world):
+    return {code for _, code in alarm_codes(world) if code.startswith("station")}
+
+
+def test_a_second_ground_station_of_our_name_is_told_while_it_is_heard(world):
+    world.run(10.0)
+    assert rivals(world) == set()
+    other = world.radio.join("other", ())
+    for number in range(8):
+        other.publish(topics.GROUND, topics.GROUND.codec.encode(GroundBeat("ground", number, 254)))
+        world.run(1.0)
+    assert rivals(world) == {"station:name"}
+    world.run(10.0)
+    assert rivals(world) == set()
+
+
+def test_a_second_ground_station_of_our_system_id_is_told_by_the_network_or_the_link(world, neighbours):
+    for number in range(8):
+        world.run(1.0, GroundBeat("truck", number, 254))
+    assert rivals(world) == set()
+    for number in range(8):
+        world.run(1.0, GroundBeat("truck", 100 + number, 255))
+    assert rivals(world) == {"station:system"}
+    world.run(10.0)
+    assert rivals(world) == set()
+    world.beside = lambda: neighbours.heartbeat("qgc")
+    world.run(8.0)
+    (alarm,) = world.told(topics.REPORT)[-1].alarms
+    assert (alarm.code, alarm.severity) == ("station:system", Severity.WARNING)
+    assert "component 190" in alarm.text
+    assert "udpin:127.0.0.1:0" in alarm.text
+    world.beside = None
+    world.run(10.0)
+    assert rivals(world) == set()
+
+
+def test_our_own_heartbeat_that_comes_back_is_no_second_station(world):
+    echo = []
+    world.beside = lambda: echo.pop() if echo else b""
+    for _ in range(100):
+        world.run(0.1)
+        outputs = world.station.step(world.now_s + 0.05, [], [b""])
+        echo += [outputs.writes[0]] if outputs.writes[0] else []
+    assert rivals(world) == set()
+
+
+def statustexts(world):
+    return [event.text for event in world.told(topics.EVENT) if event.code == "statustext"]
+
+
+def test_a_text_is_told_once_by_the_agent_or_by_our_own_link(world, autopilot):
+    vehicle = autopilot(1)
+    world.vehicles = [vehicle]
+    world.run(5.0)
+
+    def warn(text, severity=4):
+        world.beside = lambda: vehicle.frame(mavlink.MAVLink_statustext_message(severity, text, 0, 0))
+        world.run(0.5)
+        world.beside = None
+
+    warn(b"PreArm: heard by both")
+    world.run(3.0, Event(1, 1, Severity.WARNING, "statustext", "PreArm: heard by both"))
+    assert statustexts(world) == [], "the agent has told it"
+    warn(b"only here")
+    assert statustexts(world) == []
+    world.run(3.0)
+    assert statustexts(world) == ["only here"]
+    warn(b"no matter", severity=6)
+    world.run(3.0)
+    assert statustexts(world) == ["only here"]
+
+
+def test_what_another_component_says_is_not_the_autopilots_word(world, autopilot, neighbours):
+    world.vehicles = [autopilot(1)]
+    world.run(5.0)
+    world.beside = lambda: neighbours.text(b"gimbal stuck", component=154)
+    world.run(0.5)
+    assert statustexts(world) == ["component 154: gimbal stuck"]
+
+
+def test_texts_in_parts_are_told_whole_in_order_and_visible(world, autopilot, neighbours):
+    """Without its last part, in another order, with a hole, with control characters: as the agent tells them."""
+    world.vehicles = [autopilot(1)]
+    world.run(5.0)
+    parts = [
+        (b"A" * 50, 7, 0), (b"tail", 7, 1),
+        (b"B" * 50, 8, 0),
+        (b"C" * 50, 9, 0), (b"", 9, 1),
+        (b"second", 10, 1), (b"D" * 50, 10, 0),
+        (b"E" * 50, 11, 0), (b"third", 11, 2),
+        (b"F \xff", 0, 0),
+        (b"G \x1b[31mred\x1b[0m\nline", 0, 0),
+    ]  # fmt: skip
+    said = b"".join(neighbours.text(*part) for part in parts)
+    world.beside = lambda: said
+    world.run(0.5)
+    world.beside = None
+    world.run(4.0)
+    assert statustexts(world) == [
+        "A" * 50 + "tail",
+        "C" * 50,
+        "D" * 50 + "second",
+        r"F \xff",
+        r"G \x1b[31mred\x1b[0m\nline",
+        "B" * 50 + " [part missing]",
+        "E" * 50 + " [part missing] third",
+    ]
+    assert all(line.isprintable() for _, line in world.log)

@@ -117,3 +117,18 @@ def test_a_short_lived_node_can_be_reached_in_the_network_of_the_swarm(written):
     assert from_options(written(GOOD), None, []).listen() == ("tcp/0.0.0.0:0",)
     several = Connection("etna", (), ("tcp/127.0.0.1:1", "tcp/127.0.0.1:2"))
     assert several.listen() == ("tcp/127.0.0.1:0",)
+
+
+def test_a_host_that_does_not_exist_is_named(written):
+    with pytest.raises(GroundError, match=r"--connect tcp/no-such-host\.invalid:7447: no host is called"):
+        from_options(None, "etna", ["tcp/no-such-host.invalid:7447"])
+    with pytest.raises(GroundError, match=r"no host is called 'a\.\.b' \(it is no name of a host\)"):
+        from_options(None, "etna", ["tcp/a..b:7447"])
+    with pytest.raises(GroundError, match="--connect tcp/no-such-host"):
+        from_options(written(GOOD), None, ["tcp/no-such-host.invalid:7447"])
+
+
+def test_a_host_of_the_file_that_does_not_exist_leaves_the_others(written):
+    file = written(GOOD.replace("tcp/0.0.0.0:7447", "tcp/no-such-host.invalid:7447"))
+    (problem,) = from_options(file, None, []).unresolved
+    assert problem.startswith(f"{file}: tcp/no-such-host.invalid:7447: no host is called")

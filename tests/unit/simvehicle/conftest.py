@@ -95,7 +95,14 @@ class Ground:
         return [message for message in self.heard if message.get_type() == kind]
 
     def texts(self) -> list[str]:
-        return [message.text for message in self.of("STATUSTEXT")]
+        """Whole ones, without PX4's tab behind those that are events too."""
+        texts: list[str] = []
+        for message in self.of("STATUSTEXT"):
+            if message.id and message.chunk_seq:
+                texts[-1] += message.text
+            else:
+                texts.append(message.text)
+        return [text.removesuffix("\t") for text in texts]
 
     def mode(self, *params: float) -> int:
         return self.command(176, 1.0, *params)
@@ -129,7 +136,10 @@ class Ground:
             assert self.command(400, 1) == 0
             nan = math.nan
             assert self.command(22, nan, nan, nan, nan, nan, nan, ORIGIN.amsl_m + above_m) == 0
-        self.run_until(lambda: self.above_m > above_m - 0.3 and abs(self.vehicle.velocity_ned_mps[2]) < 0.2)
+        within_m = 0.3 if self.vehicle.spec.flavour == "ardupilot" else 0.9  # PX4 stops as soon as it is near
+        self.run_until(
+            lambda: self.above_m > above_m - within_m and abs(self.vehicle.velocity_ned_mps[2]) < 0.2
+        )
         self.run(2.0)
 
     @property

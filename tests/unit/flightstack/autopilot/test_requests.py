@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import struct
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -26,6 +27,14 @@ SOUND = Conditions()
 BAD = Conditions(loss=0.1, duplication=0.3, delay_s=0.1, jitter_s=0.1, reordering=0.3, held_back_s=0.2)
 
 
+INTEGER = mavlink.MAV_PARAM_TYPE_INT32
+
+
+def as_bytes(value: int) -> float:
+    """An integer as PX4 sends it in a float's place."""
+    return struct.unpack("<f", struct.pack("<i", value))[0]
+
+
 class ScriptedAutopilot:
     """Says and refuses what the real ones do, as far as the session listens. Time is an argument."""
 
@@ -37,7 +46,10 @@ class ScriptedAutopilot:
         self.link = mavlink.MAVLink(None, srcSystem=3, srcComponent=1)
         self.decoder = mavlink.MAVLink(None)
         self.decoder.robust_parsing = True
-        self.parameters = parameters or {}
+        self.parameters = dict(parameters or {})
+        if self.px4:
+            self.parameters.setdefault("COM_OBL_RC_ACT", (as_bytes(3), INTEGER))
+            self.parameters.setdefault("RTL_CONE_ANG", (as_bytes(0), INTEGER))
         self.armed = False
         self.mode = POSITION_MODE if self.px4 else LOITER
         self.status = 3

@@ -28,7 +28,9 @@ class Flight:
         plume = GaussianPlume(source_north_m=100.0, source_east_m=0.0)
         fleet = FleetConfig(origin=ORIGIN, vehicles=(spec,), plume=plume, ready_after_s=20.0)
         self.vehicle = SimulatedVehicle(spec, make_world(fleet), seed=1, ready_after_s=20.0)
-        self.session = AutopilotSession(3, LocalFrame(ORIGIN), AutopilotConfig(link="unused"))
+        parameters = {"COM_OBL_RC_ACT": 3.0, "RTL_CONE_ANG": 0.0} if flavour == "px4" else {}
+        config = AutopilotConfig(link="unused", parameters=parameters)
+        self.session = AutopilotSession(3, LocalFrame(ORIGIN), config)
         self.ticks = 0
         self.down = b""
         self.modes: list[str] = []
@@ -93,8 +95,10 @@ def test_take_off_position_velocity_land(flavour, clock_rate):
     flight.until(lambda r: not r.armed)
     assert not flight.report.airborne
     assert flight.vehicle.position_ned_m[2] == pytest.approx(0.0, abs=0.3)
-    # Nothing but what we asked for: no failsafe on the way, and nobody else's mode.
-    assert flight.modes[-2:] == [OURS[flavour], "LAND"]
+    # Nothing but what we asked for: no failsafe on the way, and nobody else's mode. On the ground PX4 shows what was
+    # before the landing.
+    landed = [OURS[flavour], "LAND"] + ["OFFBOARD"] * (flavour == "px4")
+    assert flight.modes[-len(landed) :] == landed
     assert flight.report.taken_by is TakenBy.NOBODY
 
 

@@ -62,13 +62,69 @@ def test_a_component_of_our_system_that_is_no_autopilot_is_not_the_vehicle(kind:
     assert not link.vehicle.is_connected(0.0)
 
 
-def test_the_first_autopilot_stays_ours_until_it_is_lost() -> None:
+@pytest.mark.parametrize("component", [2, 100, 154, 156, 191])
+def test_another_component_is_not_our_autopilot_also_when_that_is_lost(component: int) -> None:
+    link = Link()
+    assert link.say(0.0, heartbeat(mode=6), component=component) == [False]
+    link.say(0.5, heartbeat())
+    assert link.say(1.0, heartbeat(mode=6), component=component) == [False]
+    assert (link.vehicle.mode, link.vehicle.component) == ("GUIDED", 1)
+    assert link.say(7.0, heartbeat(mode=6), component=component) == [False]
+    assert (link.vehicle.mode, link.vehicle.component) == ("GUIDED", 1)
+    assert not link.vehicle.is_connected(7.0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "autopilot"),
+    [
+        (mavlink.MAV_TYPE_HEXAROTOR, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA),
+        (mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4),
+    ],
+)
+def test_another_autopilot_under_our_ids_is_told_and_taken_only_when_ours_is_lost(
+    kind: int, autopilot: int
+) -> None:
+    link = Link()
+    link.say(0.0, heartbeat(armed=True))
+    assert not link.vehicle.is_contested(0.5)
+    assert link.say(1.0, heartbeat(mode=6, kind=kind, autopilot=autopilot)) == [False]
+    assert (link.vehicle.mode, link.vehicle.armed, link.vehicle.boots) == ("GUIDED", True, 0)
+    assert link.vehicle.is_contested(2.0)
+    assert not link.vehicle.is_contested(6.5)
+    assert link.say(8.0, heartbeat(mode=6, kind=kind, autopilot=autopilot)) == [True]
+    assert (link.vehicle.armed, link.vehicle.boots) == (False, 1)
+
+
+@pytest.mark.parametrize(
+    ("kind", "autopilot", "words"),
+    [
+        (
+            mavlink.MAV_TYPE_GROUND_ROVER,
+            mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
+            "vehicle type 10 (MAV_TYPE) is not",
+        ),
+        (mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_GENERIC, "type 0 is neither ArduPilot nor PX4"),
+    ],
+)
+def test_what_speaks_in_the_autopilots_place_is_named(kind: int, autopilot: int, words: str) -> None:
+    link = Link()
+    assert link.say(0.0, heartbeat(kind=kind, autopilot=autopilot)) == [False]
+    assert words in link.vehicle.unready_reason(1.0)
+    assert "no heartbeat of the autopilot" in link.vehicle.unready_reason(6.0)
+
+
+def test_what_has_wings_is_heard_and_not_flown() -> None:
+    link = Link()
+    assert link.say(0.0, heartbeat(kind=mavlink.MAV_TYPE_FIXED_WING)) == [True]
+    assert "vehicle type 1 (MAV_TYPE) is not a multicopter" in link.vehicle.unready_reason(0.0)
+    assert (link.vehicle.flavour, link.vehicle.mode) == (Flavour.UNKNOWN, "MODE_4")
+
+
+def test_who_passes_by_does_not_explain_our_own_silence() -> None:
     link = Link()
     link.say(0.0, heartbeat())
-    assert link.say(1.0, heartbeat(mode=6), component=2) == [False]
-    assert (link.vehicle.mode, link.vehicle.component) == ("GUIDED", 1)
-    assert link.say(7.0, heartbeat(mode=6), component=2) == [True]
-    assert (link.vehicle.mode, link.vehicle.component) == ("RTL", 2)
+    link.say(9.0, heartbeat(), system=9)
+    assert "no heartbeat of the autopilot" in link.vehicle.unready_reason(9.0)
 
 
 def test_an_autopilot_with_another_id_is_named() -> None:

@@ -162,8 +162,6 @@ def test_commands_to_others_are_not_ours() -> None:
     ("phase", "name"),
     [
         (Phase.DISARMED, CommandName.PAUSE),
-        (Phase.DISARMED, CommandName.RTL),
-        (Phase.DISARMED, CommandName.LAND),
         (Phase.RETURNING, CommandName.RESUME),
         (Phase.RETURNING, CommandName.PAUSE),
         (Phase.HOLDING, CommandName.START),
@@ -276,4 +274,90 @@ def test_a_drone_that_somebody_flies_again_obeys_what_brings_it_down() -> None:
     step = flight.step(flown, ALONE, flight.command(CommandName.ABORT))
     assert (step.phase, step.outcomes[0].result, step.asks) == (Phase.LANDED, Result.REFUSED, ())
     step = flight.step(flown, ALONE, flight.command(CommandName.RTL))
-    assert (step.phase, step.outcomes[0].result, step.asks) == (Phase.LANDING, Result.ACCEPTED, (Ask.RETURN,))
+    assert (step.phase, step.outcomes[0].result, step.asks) == (Phase.RTL, Result.ACCEPTED, (Ask.RETURN,))
+
+
+@pytest.mark.parametrize("name", [CommandName.ABORT, CommandName.RTL, CommandName.LAND])
+@pytest.mark.parametrize("landed", [False, True], ids=["never-flown", "landed"])
+def test_what_brings_a_drone_down_is_obeyed_by_one_that_is_down(name: CommandName, landed: bool) -> None:
+    flight = Flight()
+    if landed:
+        flight.to(Phase.RETURNING)
+        assert flight.step(GROUND).phase is Phase.LANDED
+    before = flight.machine.phase
+    step = flight.step(GROUND, ALONE, flight.command(name))
+    assert (step.phase, step.asks) == (before, ())
+    assert (step.outcomes[0].result, step.outcomes[0].reason) == (Result.ACCEPTED, "it is on the ground")
+
+
+def test_a_drone_whose_autopilot_is_silent_is_not_known_to_be_down() -> None:
+    silent = msgspec.structs.replace(GROUND, connected=False)
+    flight = Flight()
+    step = flight.step(silent, ALONE, flight.command(CommandName.ABORT))
+    assert step.outcomes[0].result is Result.REFUSED
+    assert step.outcomes[0].reason.startswith("the autopilot does not answer")
+
+
+FALLEN = msgspec.structs.replace(
+    UP, airborne=False, crash="fell and hit the ground at 9.8 m/s, at 38.4, 14.9"
+)
+
+
+@pytest.mark.parametrize("phase", [Phase.TAKEOFF, *sorted(STEERING)])
+def test_a_crash_takes_the_drone_out_of_the_survey_at_once(phase: Phase) -> None:
+    flight = Flight().to(phase)
+    step = flight.step(FALLEN)
+    assert (step.phase, step.steering, step.asks) == (Phase.CRASHED, False, (Ask.LAND,))
+    assert [(n.severity, n.code) for n in step.notes] == [(Severity.CRITICAL, "crash")]
+    assert step.notes[0].text == "crashed: fell and hit the ground at 9.8 m/s, at 38.4, 14.9"
+    assert Phase.CRASHED not in TAKING_PART
+    assert flight.step(FALLEN).notes == (), "once"
+    disarmed = msgspec.structs.replace(FALLEN, armed=False, ours=False)
+    assert (flight.step(disarmed).phase, flight.step(disarmed).asks) == (Phase.CRASHED, ())
+
+
+def test_a_wreck_that_somebody_arms_again_is_the_pilots() -> None:
+    flight = Flight().to(Phase.SEARCHING)
+    flight.step(FALLEN)
+    flight.step(msgspec.structs.replace(FALLEN, armed=False))
+    step = flight.step(msgspec.structs.replace(UP, ours=False, mode="LOITER"))
+    assert step.phase is Phase.PILOT
+    assert "armed it again" in step.notes[0].text
+
+
+def test_a_wreck_starts_again_when_its_autopilot_was_restarted() -> None:
+    flight = Flight().to(Phase.SEARCHING)
+    flight.step(FALLEN)
+    wreck = msgspec.structs.replace(FALLEN, armed=False, ours=False)
+    refused = flight.step(wreck, ALONE, flight.command(CommandName.START))
+    assert (refused.phase, refused.outcomes[0].result) == (Phase.CRASHED, Result.REFUSED)
+    assert flight.step(GROUND, ALONE, flight.command(CommandName.START)).phase is Phase.ARMING
+
+
+def taken(*later: VehicleFacts, seconds: float = 4.0) -> list[tuple[str, str]]:
+    """What is told of a mode that was taken: (code, text). `later`: the facts of the ticks, the last one for ever."""
+    flight = Flight().to(Phase.SEARCHING)
+    told = []
+    for tick in range(round(seconds * 10)):
+        step = flight.step(later[min(tick, len(later) - 1)])
+        assert step.phase is Phase.PILOT
+        told += [(note.code, note.text) for note in step.notes]
+    return told
+
+
+def test_who_took_the_mode_is_told_once_and_by_the_autopilots_own_text() -> None:
+    pilot = msgspec.structs.replace(
+        UP, ours=False, mode="RTL", taken_reason="mode changed from GUIDED to RTL"
+    )
+    fence = msgspec.structs.replace(
+        pilot, failsafe=True, taken_reason="mode changed from GUIDED to RTL (Fence Breached)"
+    )
+    failsafe = (
+        "failsafe",
+        "pilot: failsafe of the autopilot: mode changed from GUIDED to RTL (Fence Breached)",
+    )
+    assert taken(fence) == [failsafe]
+    assert taken(pilot, pilot, pilot, fence) == [failsafe], "the text came after the mode"
+    assert taken(pilot) == [
+        ("pilot", "pilot: by the pilot or another ground station: mode changed from GUIDED to RTL")
+    ]

@@ -21,32 +21,33 @@ from mission.strategies.contract import Order, Stage
 
 PHASES = (
     Phase.DISARMED, Phase.ARMING, Phase.TAKEOFF, Phase.FORMING, Phase.SEARCHING, Phase.TRACKING, Phase.HOLDING,
-    Phase.RETURNING, Phase.LANDING, Phase.PILOT, Phase.LANDED,
+    Phase.RETURNING, Phase.LANDING, Phase.RTL, Phase.PILOT, Phase.LANDED, Phase.CRASHED,
 )  # fmt: skip
 SHORT = {
     "dis": Phase.DISARMED, "arm": Phase.ARMING, "tko": Phase.TAKEOFF, "frm": Phase.FORMING, "sea": Phase.SEARCHING,
-    "trk": Phase.TRACKING, "hld": Phase.HOLDING, "ret": Phase.RETURNING, "lnd": Phase.LANDING, "plt": Phase.PILOT,
-    "dwn": Phase.LANDED,
+    "trk": Phase.TRACKING, "hld": Phase.HOLDING, "ret": Phase.RETURNING, "lnd": Phase.LANDING, "rtl": Phase.RTL,
+    "plt": Phase.PILOT, "dwn": Phase.LANDED, "crs": Phase.CRASHED,
 }  # fmt: skip
 EXPECTED = """
-                 dis arm tko frm sea trk hld ret lnd plt dwn
-start            arm arm tko frm sea trk  -   -   -   -  arm
-pause             -   -   -  hld hld hld hld  -   -   -   -
-resume            -  arm tko frm sea trk frm  -   -  frm  -
-abort            ret dis ret ret ret ret ret ret lnd ret  -
-rtl              lnd dis lnd lnd lnd lnd lnd lnd lnd lnd lnd
-land             lnd dis lnd lnd lnd lnd lnd lnd lnd lnd lnd
-armed             -  tko  -   -   -   -   -   -   -   -   -
-arming_failed     -  dis  -   -   -   -   -   -   -   -   -
-at_altitude       -   -  frm  -   -   -   -   -   -   -   -
-takeoff_failed    -   -  lnd  -   -   -   -   -   -   -   -
-control_lost      -   -  plt plt plt plt plt plt  -   -   -
-down              -   -  dwn dwn dwn dwn dwn dwn dwn dwn  -
-search            -   -   -  sea  -  sea  -   -   -   -   -
-track             -   -   -  trk trk  -   -   -   -   -   -
-go_home           -   -   -  ret ret ret ret  -   -   -   -
-over_home         -   -   -   -   -   -   -  lnd  -   -   -
-blocked           -   -   -   -   -   -   -  lnd  -   -   -
+                 dis arm tko frm sea trk hld ret lnd rtl plt dwn crs
+start            arm arm tko frm sea trk  -   -   -   -   -  arm arm
+pause             -   -   -  hld hld hld hld  -   -   -   -   -   -
+resume            -  arm tko frm sea trk frm  -   -   -  frm  -   -
+abort            ret dis ret ret ret ret ret ret lnd rtl ret  -  crs
+rtl              rtl dis rtl rtl rtl rtl rtl rtl rtl rtl rtl rtl crs
+land             lnd dis lnd lnd lnd lnd lnd lnd lnd lnd lnd lnd crs
+armed             -  tko  -   -   -   -   -   -   -   -   -   -   -
+arming_failed     -  dis  -   -   -   -   -   -   -   -   -   -   -
+at_altitude       -   -  frm  -   -   -   -   -   -   -   -   -   -
+takeoff_failed    -   -  lnd  -   -   -   -   -   -   -   -   -   -
+control_lost      -   -  plt plt plt plt plt plt  -   -   -   -  plt
+down              -   -  dwn dwn dwn dwn dwn dwn dwn dwn dwn  -   -
+crashed           -   -  crs crs crs crs crs crs crs crs crs crs  -
+search            -   -   -  sea  -  sea  -   -   -   -   -   -   -
+track             -   -   -  trk trk  -   -   -   -   -   -   -   -
+go_home           -   -   -  ret ret ret ret  -   -   -   -   -   -
+over_home         -   -   -   -   -   -   -  lnd  -   -   -   -   -
+blocked           -   -   -   -   -   -   -  lnd  -   -   -   -   -
 """
 """Written by hand, from what the phases mean."""
 

@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from flightstack.mavlink import vehicle_state
 from flightstack.mavlink.codec import MavlinkCodec
 from flightstack.mavlink.modes import Duty, Flavour
-from flightstack.mavlink.vehicle_state import Role, VehicleState
+from flightstack.mavlink.vehicle_state import Role, VehicleState, role_of
 from mission.geometry.frames import Geodetic, LocalFrame
 
 HOME = Geodetic(-5.06, 151.3, 512.0)
@@ -187,6 +187,35 @@ def test_what_a_component_is_its_heartbeat_says(kind: int, autopilot: int, role:
     assert vehicle.state.armed is (role is Role.AUTOPILOT)
 
 
+@pytest.mark.parametrize("system", [0, 3])
+@pytest.mark.parametrize("component", [1, 2, 154, 156, 190, 191])
+@pytest.mark.parametrize("kind", [1, 2, 10, 13, 18, 20, 26, 27, 30])
+@pytest.mark.parametrize("autopilot", [0, 3, 8, 12])
+def test_an_autopilot_is_component_1_of_a_known_flavour_in_something_that_flies(
+    system: int, component: int, kind: int, autopilot: int
+) -> None:
+    beat = mavlink.MAVLink_heartbeat_message(kind, autopilot, 209, 4, 4, 3)
+    is_autopilot = role_of(system, component, beat) is Role.AUTOPILOT
+    assert is_autopilot == (
+        system != 0 and component == 1 and autopilot in (3, 12) and kind in (1, 2, 13, 20)
+    )
+
+
+@pytest.mark.parametrize("kind", [mavlink.MAV_TYPE_GCS, mavlink.MAV_TYPE_ADSB, mavlink.MAV_TYPE_GENERIC])
+def test_what_is_an_autopilot_stays_one_whoever_uses_its_ids(kind: int) -> None:
+    vehicle = Vehicle()
+    vehicle.heartbeat(0.0)
+    vehicle.heartbeat(1.0, armed=False, mode=0, kind=kind)
+    assert (vehicle.state.role, vehicle.state.armed, vehicle.state.mode) == (Role.AUTOPILOT, True, "GUIDED")
+    assert vehicle.state.heartbeat_s == 0.0, "it is no sign of the vehicle's life"
+
+
+def test_a_planes_modes_are_not_a_copters() -> None:
+    vehicle = Vehicle()
+    vehicle.heartbeat(0.0, mode=6, kind=mavlink.MAV_TYPE_FIXED_WING)
+    assert (vehicle.state.mode, vehicle.state.in_mode(Duty.RETURN)) == ("MODE_6", False)
+
+
 def test_of_several_batteries_the_first_counts_and_an_unknown_charge_is_none() -> None:
     vehicle = Vehicle()
 
@@ -216,4 +245,4 @@ def test_parts_of_a_text_are_put_together_and_one_without_its_end_comes_after_a_
     vehicle.state.flush(1.0)
     assert [told.text for told in vehicle.state.new_texts] == [text]
     vehicle.state.flush(1.3)
-    assert [told.text for told in vehicle.state.new_texts] == [text, text[:50]]
+    assert [told.text for told in vehicle.state.new_texts] == [text, text[:50] + " [part missing]"]

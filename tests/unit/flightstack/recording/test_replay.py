@@ -10,7 +10,7 @@ import pytest
 from flightstack.agent import Agent, Inputs
 from flightstack.config_file import load
 from flightstack.recording.fingerprint import fingerprint
-from flightstack.recording.recorder import FlightRecorder
+from flightstack.recording.recorder import GAP, FlightRecorder
 from flightstack.recording.replay import ReplayError, replay
 from flightstack.swarm.wire import VERSION
 
@@ -33,6 +33,23 @@ def recording(directory: pathlib.Path, **about: Any) -> pathlib.Path:
 def test_a_recording_of_this_version_is_flown_again(tmp_path: pathlib.Path) -> None:
     result = replay(recording(tmp_path, wire=VERSION))
     assert (result.ticks, result.differing) == (2, 0)
+
+
+def test_behind_a_gap_nothing_is_compared(tmp_path: pathlib.Path, caplog: pytest.LogCaptureFixture) -> None:
+    config = load(EXAMPLE)
+    agent = Agent(config, incarnation=7)
+    recorder = FlightRecorder(tmp_path / "drone-1.mcap")
+    recorder.record("/config", 0.0, {"config": config, "incarnation": 7, "wire": VERSION})
+    for now_s in (1.0, 1.1, 1.2):
+        recorder.record("/inputs", now_s, Inputs())
+        recorder.record("/outputs", now_s, {"crc32": fingerprint(agent.step(now_s, Inputs()))})
+    recorder.record(GAP, 9.0, {"records": 140})
+    recorder.record("/inputs", 9.0, Inputs())
+    recorder.record("/outputs", 9.0, {"crc32": 1})
+    recorder.close()
+    result = replay(recorder.path)
+    assert (result.ticks, result.differing) == (3, 0)
+    assert "cannot be flown again" in caplog.text
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pathlib
+from collections.abc import Callable
 
 import msgspec
 import numpy as np
@@ -34,6 +35,9 @@ from flightstack.swarm.wire import (
     CommandOutcome,
     DroneState,
     Event,
+    GroundAlarm,
+    GroundReport,
+    HeardVehicle,
     Phase,
     Result,
     Severity,
@@ -378,3 +382,40 @@ def test_of_two_nodes_with_one_number_the_younger_gives_way(ticks: int, second: 
     output = flyer.step(1.0, Inputs(peers=(message(topics.STATE, "1", twin),)))
     assert output.status.comes_second is second
     assert [event.severity for event in output.events if event.code == "peer"] == [Severity.WARNING]
+
+
+@pytest.mark.parametrize(
+    ("said", "words"),
+    [
+        (replace(STATE, mode="G\x1b[2J", notes=("co2: ok", "a\nb")), lambda m: (m.mode, *m.notes)),
+        (Event(2, 1, Severity.INFO, "co\nde", "\x1b[31mred"), lambda m: (m.code, m.text)),
+        (CommandOutcome("c1", 2, Result.REFUSED, "no\x07"), lambda m: (m.reason,)),
+        (
+            GroundReport(
+                "g\n",
+                0,
+                (GroundAlarm(2, Severity.INFO, "x\x00", "y\u202e", 1.0),),
+                (HeardVehicle(2, "RTL\t", True, True, None, None, None, None, 0.0),),
+            ),
+            lambda m: (m.sender, m.alarms[0].code, m.alarms[0].text, m.vehicles[0].mode),
+        ),
+    ],
+    ids=["state", "event", "outcome", "report"],
+)
+def test_what_peers_say_in_words_can_be_shown(
+    said: object, words: Callable[[object], tuple[str, ...]]
+) -> None:
+    assert not all(map(str.isprintable, words(said)))
+    topic = next(t for t in topics.TOPICS.values() if t.codec.kind is type(said))
+    heard = Admission(MEMBERS, 0).admit(Received(topic, "2", topic.codec.encode(said)))
+    assert type(heard) is type(said)
+    assert all(map(str.isprintable, words(heard)))
+
+
+def test_a_refused_message_is_told_in_words_that_can_be_shown() -> None:
+    refused = Admission(MEMBERS, 0).admit(
+        Received(topics.STATE, "\x1b[2Jevil", topics.STATE.codec.encode(STATE))
+    )
+    assert isinstance(refused, Refusal)
+    assert refused.text.isprintable()
+    assert r"\x1b[2Jevil" in refused.text

@@ -198,3 +198,32 @@ def test_an_orphan_that_has_landed_is_no_obstacle(peers: Peers) -> None:
 def test_a_strategys_word_is_heard_by_the_neighbours_strategies(peers: Peers) -> None:
     peers.hear(1.0, msgspec.structs.replace(STATE, word=b"here"))
     assert [n.word for n in peers.neighbours(1.1)] == [b"here"]
+
+
+def test_a_twin_that_comes_and_goes_does_not_make_its_peers_lose_a_drone(peers: Peers) -> None:
+    for turn in range(100):
+        now_s = 10.0 + 0.2 * turn
+        peers.hear(now_s, msgspec.structs.replace(STATE, sequence=turn + 1, ticks=5000 + turn))
+        if 20 <= turn < 60:
+            twin = msgspec.structs.replace(
+                STATE,
+                incarnation=99,
+                sequence=turn,
+                phase=Phase.DISARMED,
+                armed=False,
+                airborne=False,
+                position_ned_m=None,
+            )
+            peers.hear(now_s + 0.1, twin)
+            assert not peers.speaks(2, 99)
+        facts = peers.facts()[2]
+        assert (facts.taking_part, facts.heard_s) == (True, now_s)
+    (neighbour,) = peers.neighbours(now_s)
+    assert (neighbour.drone, neighbour.airborne) == (2, True)
+
+
+def test_a_restarted_agent_is_heard_by_its_peers(peers: Peers) -> None:
+    peers.hear(10.0, msgspec.structs.replace(STATE, sequence=500))
+    peers.hear(12.0, msgspec.structs.replace(STATE, incarnation=2, phase=Phase.DISARMED))
+    assert not peers.facts()[2].taking_part
+    assert (peers.speaks(2, 1), peers.speaks(2, 2)) == (False, True)

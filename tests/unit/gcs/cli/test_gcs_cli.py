@@ -79,3 +79,11 @@ def test_what_cannot_be_is_refused_before_a_vehicle_is_looked_for(arguments, wor
     done = CliRunner().invoke(app, [*arguments, "--drone", "1", "--link", "udpin:127.0.0.1:0"])
     assert isinstance(done.exception, GroundError)
     assert words in str(done.exception)
+
+
+def test_only_a_start_can_do_without_recording():
+    done = CliRunner().invoke(
+        app, ["survey", "abort", "--without-recording", "--swarm", "s", "--connect", "tcp/x:1"]
+    )
+    assert isinstance(done.exception, GroundError)
+    assert "--without-recording is for start, not for abort" in str(done.exception)

@@ -109,3 +109,17 @@ def test_a_drones_acceptance_is_not_undone_by_the_stations_late_word():
     answer(command, 1)
     answer(command, 1, Result.REFUSED, "its agent is silent")
     assert command.accepted()
+
+
+@pytest.mark.parametrize("without", [False, True])
+def test_it_says_whether_a_flight_may_go_unrecorded(without):
+    command = SurveyCommand(
+        CommandName.START,
+        sender="op",
+        target=0,
+        members=(1,),
+        started_s=0.0,
+        deadline_s=5.0,
+        without_recording=without,
+    )
+    assert command.command.without_recording is without

@@ -203,6 +203,23 @@ def test_two_agents_with_one_id(fleet, state, on_air, frame):
     assert "identity" in codes(monitor)[1]
 
 
+def test_what_is_not_recorded_is_an_alarm_while_it_lasts(fleet):
+    swarm, monitor = fleet(), Monitor(AlarmLimits())
+    full = "flights/drone-1-7.mcap: recording has ended: No space left on device"
+    swarm.talking[1] = {"storage": full}
+    swarm.view.storage = "flights/swarm.mcap: recording has ended: No space left on device"
+    run(monitor, swarm, 0.0, 5.0)
+    assert codes(monitor) == {0: {"recording"}, 1: {"recording"}}
+    own, drones = monitor.alarms
+    assert own.text == f"the ground station's {swarm.view.storage}"
+    assert (drones.severity, drones.text) == (Severity.WARNING, full)
+    assert swarm.view.rows(5.0)[0].storage == full
+    swarm.talking[1], swarm.view.storage = {}, ""
+    run(monitor, swarm, 5.5, 10.0)
+    assert monitor.alarms == []
+    assert swarm.view.rows(10.0)[0].storage == ""
+
+
 def test_a_command_that_a_live_drone_does_not_answer(fleet, on_air):
     swarm, monitor = fleet(), Monitor(AlarmLimits())
     swarm.tick(1.0)
@@ -233,6 +250,60 @@ def test_vehicles_of_others_are_mentioned_not_alarmed_about(fleet, autopilot):
     run(monitor, swarm, 0.0, 10.0)
     (alarm,) = monitor.alarms
     assert (alarm.drone, alarm.code, alarm.severity) == (77, "foreign", Severity.INFO)
+
+
+@pytest.mark.parametrize("drone", [77, 251, 255])
+def test_a_vehicle_that_passed_is_foreign_and_then_gone(fleet, autopilot, drone):
+    swarm, monitor = fleet(), Monitor(AlarmLimits())
+    swarm.flying = {drone: autopilot(drone)}
+    run(monitor, swarm, 0.0, 10.0)
+    assert codes(monitor) == {drone: {"foreign"}}
+    swarm.flying = {}
+    changes = run(monitor, swarm, 10.1, 80.0)
+    assert monitor.alarms == []
+    assert [alarm for change in changes for alarm in change.raised] == []
+    assert swarm.view.drones(80.0) == [1, 2, 3]
+
+
+def test_an_agent_that_is_no_member_is_foreign_and_then_gone(fleet):
+    swarm, monitor = fleet(), Monitor(AlarmLimits())
+    swarm.talking[9] = {}
+    run(monitor, swarm, 0.0, 10.0)
+    assert codes(monitor) == {9: {"foreign"}}
+    assert "swarm.members" in monitor.alarms[0].text
+    del swarm.talking[9]
+    run(monitor, swarm, 10.1, 80.0)
+    assert monitor.alarms == []
+    assert swarm.view.drones(80.0) == [1, 2, 3]
+
+
+@pytest.mark.parametrize("kind", ["ping0", "gimbal3", "copter154", "qgc", "sys0"])
+def test_what_else_is_on_the_link_raises_no_alarm(fleet, autopilot, neighbours, kind):
+    swarm, monitor = fleet((1,)), Monitor(AlarmLimits())
+    swarm.flying = {1: autopilot(1)}
+    swarm.beside = lambda: neighbours.heartbeat(kind)
+    run(monitor, swarm, 0.0, 30.0)
+    assert monitor.alarms == []
+    assert swarm.view.flying(1, 30.0)
+
+
+def test_a_twin_that_comes_and_goes_is_an_alarm_while_it_lasts(fleet, state, on_air):
+    swarm, monitor = fleet((1,)), Monitor(AlarmLimits())
+    swarm.talking[1] = {"ticks": 5000}
+    run(monitor, swarm, 0.0, 10.0)
+    for tick in range(25):
+        now_s = 10.1 + 0.2 * tick
+        monitor.step(now_s, swarm.tick(now_s))
+        twin = state(
+            1, incarnation=999, sequence=tick, phase=Phase.DISARMED, armed=False, airborne=False, ticks=tick
+        )
+        swarm.view.receive_peer(now_s, on_air(twin))
+        assert swarm.view.agents[1].state.phase is Phase.SEARCHING, "who flies the drone speaks for it"
+    assert codes(monitor) == {1: {"identity"}}
+    run(monitor, swarm, 15.1, 30.0)
+    assert monitor.alarms == []
+    row = swarm.view.rows(30.0)[0]
+    assert (row.agent, row.phase, row.restarts) == ("live", "searching", 0)
 
 
 def test_a_station_that_starts_in_mid_flight_waits_for_the_agents_to_be_found(fleet, autopilot):

@@ -68,6 +68,55 @@ def test_heartbeats_of_companions_and_ground_stations_are_not_the_vehicle(frame,
     assert math.isinf(vehicles.companion_age_s(4, 2.5))
 
 
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "ping0",
+        "ping8",
+        "gimbal0",
+        "gimbal3",
+        "camera",
+        "companion",
+        "copter154",
+        "generic1",
+        "rover1",
+        "gcs1",
+    ],
+)
+def test_what_else_is_on_the_link_is_never_the_vehicle(frame, autopilot, neighbours, kind):
+    """Heard first, later, and alone while the vehicle is silent."""
+    vehicles = Vehicles(frame)
+    feed(vehicles, 0.0, neighbours.heartbeat(kind))
+    assert vehicles.autopilot(1) is None
+    feed(vehicles, 1.0, autopilot(1).everything())
+    for second in range(2, 20):
+        said = neighbours.heartbeat(kind) if kind.endswith("1") else neighbours.talkative(kind)
+        feed(vehicles, float(second), said)
+    vehicle = vehicles.autopilot(1)
+    assert (vehicle.mode, vehicle.armed, vehicle.airborne(19.0)) == ("GUIDED", True, True)
+    assert vehicle.position_ned_m == pytest.approx((10.0, 20.0, -12.0), abs=0.05)
+    assert vehicle.age_s(19.0) == pytest.approx(18.0)
+    assert vehicles.systems() == {1}
+
+
+def test_only_the_agents_own_component_tells_that_the_agent_lives(frame):
+    vehicles = Vehicles(frame)
+    other = heartbeat(3, 192, mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID, 0, 0)
+    feed(vehicles, 0.0, other)
+    assert math.isinf(vehicles.companion_age_s(3, 0.0))
+
+
+def test_made_up_sources_do_not_fill_the_memory_nor_drive_the_vehicles_out(frame, autopilot):
+    vehicles = Vehicles(frame)
+    feed(vehicles, 0.0, autopilot(3).heartbeat())
+    for number in range(2000):
+        text = mavlink.MAVLink_statustext_message(4, b"x", 0, 0)
+        sender = mavlink.MAVLink(None, srcSystem=number // 250 + 4, srcComponent=number % 250)
+        feed(vehicles, 1.0, bytes(text.pack(sender)))
+    assert len(vehicles.components) <= 512
+    assert vehicles.autopilot(3) is not None
+
+
 def test_state_is_kept_by_link_and_the_fresher_link_speaks(frame, autopilot):
     vehicles = Vehicles(frame)
     one, other = autopilot(3), autopilot(3)

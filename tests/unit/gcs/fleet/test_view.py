@@ -59,9 +59,10 @@ def test_a_restart_is_recognised_and_two_agents_with_one_id_too(frame, state, on
     view.receive_peer(1.0, on_air(state(1, sequence=500)))
     view.receive_peer(2.0, on_air(state(1, incarnation=7, sequence=1)))
     agent = view.agents[1]
-    assert (agent.restarts, agent.clashes, agent.state.sequence) == (1, 0, 1)
+    agents = agent.incarnations
+    assert (agents.restarts, agents.clashes, agent.state.sequence) == (1, 0, 1)
     view.receive_peer(3.0, on_air(state(1, sequence=501)))
-    assert (agent.restarts, agent.clashes, agent.state.incarnation) == (1, 1, 7)
+    assert (agents.restarts, agents.clashes, agent.state.incarnation) == (1, 1, 101), "it is heard now"
 
 
 def test_late_ticks_are_a_share_of_the_newest_ticks(frame, state, on_air):

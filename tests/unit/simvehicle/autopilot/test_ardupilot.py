@@ -9,6 +9,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from simvehicle.autopilot.fences import Area
+
 MakeGround = Callable[..., Any]
 GUIDED, AUTO, LOITER, RTL, LAND, BRAKE, STABILIZE = 4, 3, 5, 6, 9, 17, 0
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = 0, 1, 2, 3, 4
@@ -156,7 +158,7 @@ def test_the_pilots_switch_ends_guided(make_ground: MakeGround) -> None:
 
 
 def test_fence_refuses_destinations_and_is_flown_out_of_only_by_velocity(make_ground: MakeGround) -> None:
-    ground = make_ground("ardupilot", FENCE_ENABLE=1.0, FENCE_TYPE=2.0, FENCE_RADIUS=30.0)
+    ground = make_ground("ardupilot", FENCE_ENABLE=1.0, FENCE_TYPE=2.0, FENCE_RADIUS=30.0, AVOID_ENABLE=0.0)
     ground.take_off()
     ground.position_target(50.0, 0.0, -10.0)
     ground.run(5.0)
@@ -168,11 +170,50 @@ def test_fence_refuses_destinations_and_is_flown_out_of_only_by_velocity(make_gr
     assert "Fence breach cleared" in ground.texts()
 
 
-def test_a_stopped_motor_ends_in_a_crash_and_no_more_arming(make_ground: MakeGround) -> None:
+@pytest.mark.parametrize("kind", ["circle", "polygon"])
+@pytest.mark.parametrize("behave", [0.0, 1.0], ids=["slides", "stops"])
+def test_stock_avoidance_keeps_velocity_targets_inside_without_a_word(
+    make_ground: MakeGround, kind: str, behave: float
+) -> None:
+    circle = kind == "circle"
+    ground = make_ground(
+        "ardupilot",
+        wind_mps=0.0,
+        FENCE_ENABLE=1.0,
+        FENCE_TYPE=2.0 if circle else 4.0,
+        FENCE_RADIUS=40.0,
+        AVOID_BEHAVE=behave,
+    )
+    square = ((40.0, 40.0), (40.0, -40.0), (-40.0, -40.0), (-40.0, 40.0))
+    ground.vehicle.autopilot.fence.areas = (Area(inclusion=True, vertices_m=square),)
+    ground.take_off()
+    ground.run(25.0, each=lambda: ground.velocity_target(4.0, 1.0, 0.0))
+    north_m, east_m, _ = ground.vehicle.position_ned_m
+    from_home_m = math.hypot(north_m, east_m) if circle else north_m
+    assert 36.5 < from_home_m < 38.6, "two metres from the line: FENCE_MARGIN"
+    assert ground.vehicle.mode == "GUIDED"
+    assert not any("ence breach" in text for text in ground.texts())
+    assert (east_m > 15.0) is (behave == 0.0 and not circle), (
+        "along a circle it comes to rest where it was sent out"
+    )
+
+
+def test_one_that_falls_flat_stays_armed_and_believes_that_it_flies(make_ground: MakeGround) -> None:
     ground = make_ground("ardupilot")
     ground.take_off()
     ground.vehicle.set_motors(False)
-    ground.run(4.0)
+    ground.run(20.0)
+    assert not ground.vehicle.airborne
+    assert ground.vehicle.armed
+    assert "Potential Thrust Loss (1)" in ground.texts()
+    assert not any(text.startswith("Crash") for text in ground.texts())
+
+
+def test_one_that_falls_on_its_back_disarms_and_does_not_arm_again(make_ground: MakeGround) -> None:
+    ground = make_ground("ardupilot")
+    ground.take_off()
+    ground.vehicle.set_turned_over(True)
+    ground.run(6.0)
     assert not ground.vehicle.armed
     assert any(text.startswith("Crash: Disarming") for text in ground.texts())
     ground.mode(GUIDED)

@@ -10,9 +10,34 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from flightstack.mavlink.dialect import EventMessage
+from flightstack.mavlink.fields import layout
+from flightstack.mavlink.framing import FrameFinder
+from flightstack.mavlink.px4_event_table import CHECKS, REPORT_BEGIN, event_id
+
 MakeGround = Callable[..., Any]
 ACCEPTED, REJECTED, DENIED = 0, 1, 2
 OFFBOARD, HOLD = (6, 0), (4, 3)
+NAMES = {number: event.name for number, event in CHECKS.items()}
+
+
+def events(ground: Any) -> list[Any]:
+    """Every EVENT on the first link; pymavlink knows the message by its number only."""
+    found = []
+    for message in ground.of(f"UNKNOWN_{EventMessage.id}"):
+        found += [layout(frame.kind).unpack(frame.payload) for frame in FrameFinder().find(message.data)]
+    return found
+
+
+def reported(ground: Any) -> list[str]:
+    """The checks that fail, by the newest report."""
+    checks: list[str] = []
+    for event in events(ground):
+        if event.id == event_id(REPORT_BEGIN):
+            checks = []
+        elif event.id in NAMES:
+            checks.append(NAMES[event.id])
+    return checks
 
 
 def offboard(ground: Any) -> None:
@@ -22,13 +47,16 @@ def offboard(ground: Any) -> None:
     assert ground.mode(*OFFBOARD) == ACCEPTED
 
 
-def test_arming_is_refused_with_reasons_until_it_is_ready(make_ground: MakeGround) -> None:
+def test_arming_is_refused_with_one_text_and_a_report_until_it_is_ready(make_ground: MakeGround) -> None:
     ground = make_ground("px4", ready_after_s=20.0)
     ground.run(2.0)
     assert ground.command(400, 1) == REJECTED
-    assert any(text.startswith("Preflight Fail") for text in ground.texts())
+    assert ground.texts() == ["Arming denied: Resolve system health failures first"]
+    assert ground.of("HEARTBEAT")[-1].system_status == mavlink.MAV_STATE_UNINIT
+    assert "check_modes_global_pos" in reported(ground)
     ground.run(20.0)
-    assert "Ready for takeoff!" in ground.texts()
+    assert "check_modes_global_pos" not in reported(ground)
+    assert ground.of("HEARTBEAT")[-1].system_status == mavlink.MAV_STATE_STANDBY
     assert ground.command(400, 1) == ACCEPTED
 
 
@@ -66,25 +94,32 @@ def test_velocity_with_height_held(make_ground: MakeGround) -> None:
     assert ground.above_m == pytest.approx(14.0, abs=0.6)
 
 
-@pytest.mark.parametrize(("action", "mode"), [(0.0, "HOLD"), (3.0, "RTL"), (4.0, "LAND")])
-def test_offboard_loss_holds_and_then_acts(make_ground: MakeGround, action: float, mode: str) -> None:
+@pytest.mark.parametrize(
+    ("action", "mode"), [(0.0, "POSITION"), (3.0, "RTL"), (4.0, "LAND"), (5.0, "HOLD"), (99.0, "POSITION")]
+)
+def test_offboard_loss_acts_at_once_and_is_over_with_the_next_setpoints(
+    make_ground: MakeGround, action: float, mode: str
+) -> None:
     ground = make_ground("px4", COM_OBL_RC_ACT=action)
     offboard(ground)
     ground.run(0.8)
     assert ground.vehicle.mode == "OFFBOARD"
     ground.run(0.6)
-    assert ground.vehicle.mode == "HOLD", "COM_FAIL_ACT_T gives a person time to react"
-    ground.run(5.5)
-    assert ground.vehicle.mode == mode
-
-
-def test_offboard_comes_back_with_its_setpoints(make_ground: MakeGround) -> None:
-    ground = make_ground("px4")
-    offboard(ground)
-    ground.run(1.5)
-    assert ground.vehicle.mode == "HOLD"
+    assert ground.vehicle.mode == mode, "COM_FAIL_ACT_T is for other failsafes"
+    assert "Failsafe activated" in ground.texts()
+    ground.run(1.0)
+    assert ground.of("HEARTBEAT")[-1].system_status == mavlink.MAV_STATE_CRITICAL
     ground.run(0.5, each=lambda: ground.position_target(0.0, 0.0, -10.0))
     assert ground.vehicle.mode == "OFFBOARD"
+
+
+def test_without_a_remote_control_position_sinks_to_the_ground(make_ground: MakeGround) -> None:
+    ground = make_ground("px4")
+    offboard(ground)
+    ground.run(4.0)
+    assert ground.vehicle.velocity_ned_mps[2] == pytest.approx(1.0, abs=0.2)
+    ground.run_until(lambda: not ground.vehicle.armed, limit_s=25.0)
+    assert not ground.vehicle.airborne
 
 
 def test_a_persons_mode_ends_the_failsafe(make_ground: MakeGround) -> None:
@@ -116,7 +151,10 @@ def test_failsafes(make_ground: MakeGround, parameters: dict[str, float], troubl
         ground.vehicle.set_gps(False)
     ground.run(17.0)
     assert ground.vehicle.mode == mode
-    assert any("Failsafe activated" in text for text in ground.texts())
+    names = {event_id(f"commander_failsafe_enter{kind}") for kind in ("", "_hold", "_generic")}
+    assert names & {event.id for event in events(ground)}
+    texts = [text for text in ground.texts() if "Failsafe activated" in text]
+    assert bool(texts) == (trouble != "link"), "nobody is there to read it"
 
 
 def test_fence_breach_returns_as_configured(make_ground: MakeGround) -> None:
@@ -124,7 +162,8 @@ def test_fence_breach_returns_as_configured(make_ground: MakeGround) -> None:
     offboard(ground)
     ground.run(8.0, each=lambda: ground.velocity_target(4.0, 0.0, 0.0))
     ground.run(5.5)
-    assert "Geofence violation" in ground.texts()
+    assert "Geofence violation: approaching or outside geofence" in ground.texts()
+    assert "Failsafe activated: entering Hold for 5 seconds" in ground.texts()
     assert ground.vehicle.mode == "RTL"
 
 

@@ -138,6 +138,32 @@ def test_a_set_parameter_is_told_to_all_and_an_unknown_one_to_the_flavour() -> N
     asked.ask(mavlink.MAVLink_param_request_read_message(SYSTEM, 1, b"NOR_THIS", -1))
     asked.ask(mavlink.MAVLink_param_request_read_message(SYSTEM, 1, b"", 30000))
     assert asked.unknown == ["NO_SUCH", "NOR_THIS", "#30000"]
+
+
+def test_a_default_that_is_set_again_is_told_as_the_type_of_its_group() -> None:
+    asked = Asked()
+
+    def answer(name: bytes, value: float, kind: int) -> tuple[float, int]:
+        asked.ask(mavlink.MAVLink_param_set_message(SYSTEM, 1, name, value, kind))
+        (told,) = asked.ends.said(0)
+        return told.param_value, told.param_type
+
+    int8, int16, int32, real32 = (
+        mavlink.MAV_PARAM_TYPE_INT8,
+        mavlink.MAV_PARAM_TYPE_INT16,
+        mavlink.MAV_PARAM_TYPE_INT32,
+        mavlink.MAV_PARAM_TYPE_REAL32,
+    )
+    assert answer(b"FENCE_TYPE", 7.0, int8) == (7.0, real32)
+    assert answer(b"RTL_ALT", 1500.0, int32) == (1500.0, int32), "no member of a group"
+    assert answer(b"FENCE_TYPE", 4.0, int8) == (4.0, int8)
+    assert answer(b"FENCE_TYPE", 7.0, int8) == (7.0, int8), "it is in the storage now"
+    assert answer(b"WPNAV_SPEED", 1000.05, real32) == (1000.0, real32), "alike: told and kept apart"
+    assert asked.parameters["WPNAV_SPEED"] == pytest.approx(1000.05, rel=1e-6)
+    assert answer(b"FENCE_OPTIONS", 40000.0, int16) == (32767.0, int16)
+    assert answer(b"RTL_ALT", 99_999_999.0, int32) == (100_000_000.0, int32), "24 bits came over the link"
+    assert answer(b"RTL_ALT", 2500.995, int32) == (2501.0, int32)
+    assert answer(b"RTL_ALT", 2500.7, int32) == (2500.0, int32)
     assert asked.ends.kinds() == []
 
 

@@ -169,7 +169,7 @@ def test_what_is_sent_to_an_unplugged_instrument_is_lost() -> None:
     assert not flown.lines
 
 
-@pytest.mark.parametrize("kind", ["gps_loss", "battery_low", "motor", "silence"])
+@pytest.mark.parametrize("kind", ["gps_loss", "battery_low", "motor", "tumble", "silence"])
 def test_faults_reach_the_vehicle(kind: str) -> None:
     fault = FaultSpec(drone=1, at_s=8.0, kind=kind)  # type: ignore[arg-type]
     flown = Flown(simulation(faults=(fault,)))
@@ -183,7 +183,8 @@ def test_faults_reach_the_vehicle(kind: str) -> None:
         "motor": not vehicle.airborne,
         "silence": len(flown.links[1]) - before < 200,
     }
-    assert {name for name, is_so in seen.items() if is_so} == {kind}
+    assert {name for name, is_so in seen.items() if is_so} == {"motor" if kind == "tumble" else kind}
+    assert (abs(vehicle.attitude_rad[0]) > 3.0) is (kind == "tumble")
 
 
 def test_an_instrument_that_cannot_be_emulated_is_refused() -> None:

@@ -25,6 +25,9 @@ class Noted:
     def set_motors(self, working: bool) -> None:
         self.done.append(("motors", working))
 
+    def set_turned_over(self, turned_over: bool) -> None:
+        self.done.append(("turned over", turned_over))
+
     def set_silent(self, silent: bool) -> None:
         self.done.append(("silent", silent))
 
@@ -38,6 +41,7 @@ class Noted:
         ("unplug", ("co2", False), [("co2", True)]),
         ("gps_loss", ("gps", False), [("gps", True)]),
         ("motor", ("motors", False), [("motors", True)]),
+        ("tumble", ("turned over", True), []),
         ("silence", ("silent", True), [("silent", False)]),
         ("battery_low", ("battery", "weak"), []),
     ],

@@ -9,6 +9,7 @@ import msgspec
 import pytest
 
 from flightstack.config import FormationConfig, LimitsConfig, StrategyConfig
+from mission.documents.fence_section import FenceSection
 from mission.documents.yaml_file import DocumentError
 from mission.strategies.locus.strategy import LocusParameters
 from mission.strategies.mobs import MobsParameters
@@ -17,7 +18,6 @@ from simvehicle.survey.survey_file import (
     LaunchLine,
     SurveyConfig,
     SurveyDrone,
-    SurveyFence,
     load,
     parse_fault,
     parse_kill,
@@ -61,7 +61,7 @@ def test_a_file_that_is_not_there() -> None:
 
 
 def test_a_file_that_is_not_text(tmp_path: pathlib.Path) -> None:
-    (tmp_path / "survey.yaml").write_bytes(b"\xff\xfe\x00")
+    (tmp_path / "survey.yaml").write_bytes(b"\xfa\xfe\x00")
     with pytest.raises(DocumentError, match="not UTF-8"):
         load(tmp_path / "survey.yaml")
 
@@ -203,7 +203,7 @@ def test_kills_from_the_command_line() -> None:
 @pytest.mark.parametrize(
     "section",
     [
-        SurveyConfig, SurveyDrone, LaunchLine, SurveyFence, WindConfig, GaussianPlume, LocusGridPlume, FaultSpec,
+        SurveyConfig, SurveyDrone, LaunchLine, FenceSection, WindConfig, GaussianPlume, LocusGridPlume, FaultSpec,
         FormationConfig, LimitsConfig, StrategyConfig, LocusParameters, MobsParameters,
     ],
 )  # fmt: skip

@@ -1,0 +1,155 @@
+"""A drone's file: what can be known from it alone is checked."""
+
+from __future__ import annotations
+
+import logging
+import pathlib
+import shutil
+
+import pytest
+
+from flightstack.config_file import load
+from gcs.station_config import load as load_station
+from mission.documents.yaml_file import DocumentError
+from mission.geometry.geofence import Geofence
+
+ROOT = pathlib.Path(__file__).parents[3]
+CASES = ROOT / "tests" / "data" / "cases"
+GOOD = (ROOT / "examples" / "drone.yaml").read_text(encoding="utf-8")
+
+
+def refused(tmp_path: pathlib.Path, old: str, new: str) -> str:
+    assert old in GOOD
+    (tmp_path / "drone.yaml").write_text(GOOD.replace(old, new), encoding="utf-8")
+    with pytest.raises(DocumentError) as caught:
+        load(tmp_path / "drone.yaml")
+    text = str(caught.value)
+    assert "\n" not in text
+    return text.removeprefix(f"{tmp_path}/drone.yaml")
+
+
+LIMIT = "  separation_m: 4.0"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (
+            "port: /dev/ttysba5",
+            "port: /dev/ttypixhawk",
+            ":15: instruments[0].port: /dev/ttypixhawk is the same device",
+        ),
+        ("port: /dev/ttysba5", "port: /dev/../dev/ttypixhawk", ":15: instruments[0].port"),
+        (
+            "instruments:\n",
+            "instruments:\n  - {name: a, type: sba5, port: /dev/ttysba5}\n",
+            ":16: instruments[1].port: /dev/ttysba5 stands twice",
+        ),
+        ("[tcp/192.168.2.11:7447]", "[tcp/0.0.0.0:7447, tcp/10.0.0.1:7447]", ":7: swarm.listen[1]"),
+        ("link: /dev/ttypixhawk,115200", "link: tcpin:0.0.0.0:7447", ":7: swarm.listen[0]"),
+        ("RTL_ALT: 1500", "RTL_ALTITUDE_TOO_LONG: 1", ":13: autopilot.parameters.RTL_ALTITUDE_TOO_LONG"),
+        ("RTL_ALT: 1500", "RTL-ALT: 1", "1 to 16 letters"),
+        ("RTL_ALT: 1500", "X: 16777217", "24 bits"),
+        ("RTL_ALT: 1500", "X: 1e40", "no number to work with"),
+        ("RTL_ALT: 1500", "RTL_ALT: '1500'", "Expected `float`, got `str`"),
+        ("RTL_ALT: 1500", "RTL_ALT: true", ":13: autopilot.parameters.RTL_ALT: Expected `float`, got `bool`"),
+        ("GUID_TIMEOUT: 1", "GUID_TIMEOUT: null", ":13: autopilot.parameters.GUID_TIMEOUT: Expected `float`"),
+        ("RTL_ALT: 1500", "rtl_alt: 1500", "in capitals: RTL_ALT"),
+        (
+            "RTL_ALT: 1500",
+            "RTL_ALT: 9000",
+            "brings the drone home 90 m above it, over limits.ceiling_above_home_m",
+        ),
+        (LIMIT, f"{LIMIT}\n  speed_mps: 4", "'speed_mps' stands twice"),
+        ("speed_mps: 5.0", "speed_mps: 500", ":18: limits.speed_mps: 500 is more than any drone does"),
+        ("speed_mps: 5.0", "speed_mps: 0.001", "0.001 is less than any drone keeps"),
+        (LIMIT, f"{LIMIT}\n  acceleration_mps2: 0.12", "it takes 42 s to stop"),
+        (
+            "ceiling_above_home_m: 60.0",
+            "ceiling_above_home_m: 1e9",
+            "limits.ceiling_above_home_m: 1e+09 is more",
+        ),
+        (LIMIT, f"{LIMIT}\n  peer_lost_s: 0.1", "limits.peer_lost_s: 0.1 is less"),
+        (LIMIT, f"{LIMIT}\n  ground_lost_s: 0.2", "limits.ground_lost_s: 0.2 is less"),
+        (
+            "battery_return_fraction: 0.3",
+            "battery_return_fraction: 1.0",
+            "goes home as soon as it has started",
+        ),
+        ("radio_range_m: 60.0", "radio_range_m: 1e7", "formation.radio_range_m: 1e+07 m is more"),
+        ("name: co2", "name: 'co 2'", "instruments[0].name: 'co 2': a name is made of"),
+        ("name: crater", f"name: {'c' * 50}", "swarm.name: a name has at most 40 characters"),
+    ],
+)
+def test_what_the_file_alone_tells_is_checked(tmp_path: pathlib.Path, old: str, new: str, words: str) -> None:
+    assert words in refused(tmp_path, old, new)
+
+
+def test_integers_of_px4_travel_whole(tmp_path: pathlib.Path) -> None:
+    text = GOOD.replace("flavour: ardupilot", "flavour: px4").replace("RTL_ALT: 1500", "COM_X: 16777217")
+    (tmp_path / "drone.yaml").write_text(text, encoding="utf-8")
+    assert load(tmp_path / "drone.yaml").autopilot.parameters["COM_X"] == 16777217.0
+
+
+@pytest.fixture
+def folder(tmp_path: pathlib.Path) -> pathlib.Path:
+    return pathlib.Path(shutil.copytree(CASES, tmp_path / "cases"))
+
+
+def test_a_fence_from_another_file_is_a_fence_like_any_other(folder: pathlib.Path) -> None:
+    from_plan, from_kml = load(folder / "drone_fence_of_plan.yaml"), load(folder / "drone_fence_of_kml.yaml")
+    assert from_plan.geofence is not None
+    assert from_kml.geofence is not None
+    assert type(from_plan.geofence) is Geofence
+    assert (len(from_plan.geofence.inclusion[0]), len(from_kml.geofence.inclusion[0])) == (4, 3)
+
+
+def test_the_name_alone_will_do(folder: pathlib.Path) -> None:
+    file = folder / "drone_fence_of_kml.yaml"
+    fence = load(file).geofence
+    file.write_text(file.read_text().replace("{file: fence.kml}", "fence.kml"))
+    assert load(file).geofence == fence
+
+
+def test_what_the_fence_s_file_holds_besides_is_told(
+    folder: pathlib.Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    file = folder / "drone_fence_of_kml.yaml"
+    file.write_text(file.read_text().replace("fence.kml", "dragonfly.mission"))
+    with caplog.at_level(logging.WARNING):
+        load(file)
+    assert "dragonfly.mission: steps: not taken over" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("fence", "words"),
+    [
+        ("{file: none.kml}", "drone_fence_of_plan.yaml:17: geofence.file: {folder}/none.kml: cannot be read"),
+        (
+            "{file: p06_bowtie.plan}",
+            "drone_fence_of_plan.yaml:17: geofence.file: {folder}/p06_bowtie.plan: geoFence",
+        ),
+        (
+            "{file: fence.kml, inclusion_circles: [{latitude_deg: 47, longitude_deg: 8, radius_m: 5}]}",
+            "not both",
+        ),
+        ("{file: ''}", "geofence.file"),
+        ("{file: 5}", "geofence.file: Expected `str | null`, got `int`"),
+        ("none.kml", "drone_fence_of_plan.yaml:17: geofence: {folder}/none.kml: cannot be read"),
+        ("[fence.kml]", "geofence: Expected `str | object | null`, got `array`"),
+    ],
+)
+def test_a_fence_that_is_none_is_refused_at_its_line(folder: pathlib.Path, fence: str, words: str) -> None:
+    file = folder / "drone_fence_of_plan.yaml"
+    file.write_text(file.read_text().replace("{file: p01_ok.plan}", fence))
+    with pytest.raises(DocumentError) as caught:
+        load(file)
+    assert words.replace("{folder}", str(folder)) in str(caught.value)
+
+
+def test_a_station_watches_the_fence_of_a_file_too(folder: pathlib.Path) -> None:
+    station = folder / "ground.yaml"
+    station.write_text(station.read_text() + "\ngeofence: {file: fence.geojson}\n")
+    fence = load_station(station).geofence
+    assert type(fence) is Geofence
+    assert len(fence.inclusion[0]) == 3
