@@ -157,6 +157,8 @@ def test_the_gusty_plume_meanders_and_keeps_its_source() -> None:
         ({"motion": "walk"}, "no motion model"),
         ({"layout": "line"}, "no formation layout"),
         ({"drones": 0}, "1 to 1000 drones"),
+        ({"unhealed": "some"}, "no way to go on without healing"),
+        ({"plume": "gusty", "cut_cells": True}, "only the plumes smooth and perturbed have cells to cut"),
         ({"speed_mps": 0.0}, "speed_mps must be above 0"),
         ({"settle_s": -1.0}, "settle_s must not be below 0"),
         ({"r_min_m": 4.0}, r"r_min \(4 m\) is above r_max \(3 m\)"),
