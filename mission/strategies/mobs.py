@@ -6,7 +6,7 @@ The rule is a plain function of numbers and one small array: the agent calls it,
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, Protocol
 
 import msgspec
 import numpy as np
@@ -95,15 +95,29 @@ class MobsParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """The search is given up so long after the drones began to form up."""
 
 
+def waypoint_arrival(p: MobsParameters) -> Arrival:
+    """Watches a drone's flights from waypoint to waypoint."""
+    return Arrival(arrival_m=p.arrival_m, settle_mps=p.settle_mps, settle_s=p.settle_s, blocked_s=p.blocked_s)
+
+
+class SpokeFlight(Protocol):
+    """How one drone flies on its spokes, and like a moth."""
+
+    arrived: bool
+    """Whether the newest step ended at a place where a reading is taken."""
+
+    def __init__(self, centre_ned_m: Vector3, bearing_rad: float, p: MobsParameters) -> None: ...
+
+    def step(self, elapsed_s: float, own: OwnState, reading: float, rng: np.random.Generator) -> Vector3: ...
+
+
 class MobsFlight:
     """One drone's way by the rule, waypoint after waypoint."""
 
     def __init__(self, centre_ned_m: Vector3, bearing_rad: float, p: MobsParameters) -> None:
         self._centre = centre_ned_m
         self._p = p
-        self._arrival = Arrival(
-            arrival_m=p.arrival_m, settle_mps=p.settle_mps, settle_s=p.settle_s, blocked_s=p.blocked_s
-        )
+        self._arrival = waypoint_arrival(p)
         self._state = np.zeros(STATE_SIZE)
         mobs_begin(self._state, bearing_rad)
         self._target = centre_ned_m
@@ -165,11 +179,12 @@ class Mobs:
     """
 
     Parameters = MobsParameters
+    Flight: type[SpokeFlight] = MobsFlight
 
     def __init__(self, layout: Layout, parameters: MobsParameters | None = None) -> None:
         del layout  # independent drones hold no formation once they have formed up
         self._p = parameters or MobsParameters()
-        self._flight: MobsFlight | None = None
+        self._flight: SpokeFlight | None = None
         self._best: Reading | None = None
         """This drone's own."""
         self._to_beat: Reading | None = None
@@ -183,7 +198,7 @@ class Mobs:
                 return Decision(Hold())
             anchor = observation.order.anchor_ned_m if observation.order else own.position_ned_m
             start = self._p.start_ned_m or anchor
-            self._flight = MobsFlight(start, first_bearing_rad(own.drone, rng), self._p)
+            self._flight = self.Flight(start, first_bearing_rad(own.drone, rng), self._p)
         contact = contact_of(own, self._p.detection_ppm, self._p.detection_sigmas)
         reading = contact.excess_co2_ppm if contact is not None else 0.0
         target = self._flight.step(observation.elapsed_s, own, reading, rng)

@@ -15,6 +15,8 @@ from simvehicle.cli.trial_options import (
     STRATEGY_HELP,
     Acceleration,
     Arena,
+    CutCells,
+    CutGoal,
     Layout,
     Motion,
     RMax,
@@ -42,7 +44,12 @@ def experiment(
         str, typer.Option(help="Of smooth, perturbed, gaussian, gusty; instead of the experiment's.")
     ] = "",
     trials: Annotated[int | None, typer.Option(help="Trials a cell (100; 20 with --quick).")] = None,
-    motion: Motion = "pd",
+    motion: Motion = "paper",
+    unhealed: Annotated[
+        str, typer.Option(help="Without healing, who goes on after a loss: reached, nobody, or both.")
+    ] = "reached",
+    cut_cells: CutCells = False,
+    cut_goal: CutGoal = False,
     arena: Arena = 100.0,
     speed: Speed = 5.0,
     acceleration: Acceleration = 2.0,
@@ -79,6 +86,8 @@ def experiment(
 
         base = Cell(
             motion=motion,  # type: ignore[arg-type]  # checked by Cell.problems
+            cut_cells=cut_cells,
+            cut_goal=cut_goal,
             arena_m=arena,
             speed_mps=speed,
             acceleration_mps2=acceleration,
@@ -91,6 +100,7 @@ def experiment(
             rates=numbers(rates, float, "--rates"),
             strategies=words(strategies),
             plumes=words(plumes),
+            unhealed=words(unhealed) or ("reached",),
             quick=quick,
             full=full,
             trials=trials,

@@ -13,6 +13,8 @@ from simvehicle.cli.trial_options import (
     STRATEGY_HELP,
     Acceleration,
     Arena,
+    CutCells,
+    CutGoal,
     Layout,
     Motion,
     RMax,
@@ -45,7 +47,15 @@ def trial(
     failure: Annotated[str, typer.Option(help="none, generic or in-plume.")] = "none",
     rate: Annotated[float, typer.Option(help="Failure probability a drone and tick.")] = 0.0,
     healing: Annotated[bool, typer.Option(help="Whether LoCUS heals.")] = True,
+    unhealed: Annotated[
+        str,
+        typer.Option(
+            help="Without healing, who goes on after a loss: those whom the root reaches, or nobody."
+        ),
+    ] = "reached",
     motion: Motion = "pd",
+    cut_cells: CutCells = False,
+    cut_goal: CutGoal = False,
     arena: Arena = 100.0,
     speed: Speed = 5.0,
     acceleration: Acceleration = 2.0,
@@ -80,6 +90,9 @@ def trial(
             failure=failure,  # type: ignore[arg-type]
             failure_rate=rate,
             healing=healing,
+            unhealed=unhealed,  # type: ignore[arg-type]
+            cut_cells=cut_cells,
+            cut_goal=cut_goal,
             motion=motion,  # type: ignore[arg-type]
             arena_m=arena,
             speed_mps=speed,

@@ -14,7 +14,18 @@ if TYPE_CHECKING:
 STRATEGY_HELP = "Ours, or a reactive one of an installed package; an unknown name lists them all."
 
 Motion = Annotated[
-    str, typer.Option(help="pd: the paper authors' controller; cruise: a real drone's limits.")
+    str,
+    typer.Option(
+        help="paper: the LoCUS authors' controller as in their paper; pd: as their program has it now, a tenth as "
+        "fast; cruise: a real drone's limits."
+    ),
+]
+CutCells = Annotated[
+    bool, typer.Option("--cut-cells", help="Readings are rounded as in the LoCUS authors' program.")
+]
+CutGoal = Annotated[
+    bool,
+    typer.Option("--cut-goal", help="The place that counts as the maximum is cut to whole metres, as there."),
 ]
 Arena = Annotated[float, typer.Option(help="Arena radius, m (the authors ran 100, 178, 282 and 398).")]
 Speed = Annotated[float, typer.Option(help="Of cruise, m/s.")]

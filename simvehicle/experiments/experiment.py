@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import msgspec
 
-from simvehicle.trials.cell import Cell, PlumeKind
+from simvehicle.trials.cell import Cell, PlumeKind, Unhealed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,10 +26,12 @@ class Options(msgspec.Struct, frozen=True, kw_only=True):
     rates: tuple[float, ...] = ()
     strategies: tuple[str, ...] = ("locus", "mobs")
     plumes: tuple[PlumeKind, ...] = ()
+    unhealed: tuple[Unhealed, ...] = ("reached",)
+    """Without healing, who goes on once a drone in the tree is lost: a line of cells for each."""
     quick: bool = False
     full: bool = False
     trials: int | None = None
-    base: Cell = Cell()
+    base: Cell = Cell(motion="paper")
     """Arena, motion and formation of all cells."""
 
 

@@ -15,8 +15,10 @@ from simvehicle.experiments.papers import paper_of
 from simvehicle.experiments.table import by_rate, full
 from simvehicle.trials.trials_error import TrialsError
 
+_SHOWN_SIZES = (5, 10, 20)
 _LONGEST = 60
-"""A table of more cells than this is a file of its own; the page shows the decades of the failure rate."""
+"""A table of more cells than this is a file of its own; the page shows the decades of the failure rate, or a few
+swarm sizes."""
 
 
 def write_report(report: ExperimentReport, command: str, rows_as: str = "parquet") -> pathlib.Path:
@@ -70,9 +72,12 @@ def is_long(summaries: Sequence[Summary]) -> bool:
 
 
 def cell_table(name: str, summaries: Sequence[Summary]) -> str:
-    """All cells, or of many the decades of the failure rate and where the rest is."""
-    if not is_long(summaries) or "failure_rate" not in summaries[0]:
+    """All cells, or of many the decades of the failure rate (the sizes 5, 10, 20) and where the rest is."""
+    if not is_long(summaries):
         return full(summaries)
+    if "failure_rate" not in summaries[0]:
+        shown = [one for one in summaries if one["drones"] in _SHOWN_SIZES] or list(summaries)
+        return f"All {len(summaries)} cells are in [{name}.csv]({name}.csv).\n\n{full(shown)}"
     return (
         "Trials that find the source, with Wilson's 95 % interval. "
         f"All {len(summaries)} cells with all columns are in [{name}.csv]({name}.csv).\n\n{by_rate(summaries)}"

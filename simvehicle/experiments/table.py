@@ -21,6 +21,7 @@ def select(rows: pd.DataFrame, cell: Cell) -> pd.DataFrame:
         & (rows["drones"] == cell.drones)
         & (rows["plume"] == cell.plume)
         & (rows["healing"] == cell.healing)
+        & (rows["unhealed"] == cell.unhealed)
         & (rows["failure_rate"] == cell.failure_rate)
     )
     return rows[mine].sort_values("trial")
@@ -55,6 +56,7 @@ def summarise(rows: pd.DataFrame, cell: Cell) -> Summary:
             "failure": cell.failure,
             "failure_rate": cell.failure_rate,
             "healing": cell.healing,
+            "unhealed": cell.unhealed,
             "survivors_mean": _number(mine["survivors"].mean()),
             "moves_mean": _number(mine["moves"].mean()),
             "heal_s_mean": _number((healed["heal_s"] / healed["moves"]).mean()),
@@ -83,7 +85,7 @@ def full(summaries: Sequence[Summary]) -> str:
     for one in summaries:
         cells = [one["strategy"], str(one["drones"]), one["plume"]]
         if rated:
-            cells += ["on" if one.get("healing") else "off", f"{one['failure_rate']:.0e}"]
+            cells += [healing_words(one), f"{one['failure_rate']:.0e}"]
         cells += [percent(one, "success_rate"), percent(one, "success_low", "success_high")]
         for name in ("contact_s_mean", "contact_s_sd", "source_s_mean"):
             cells.append(_minutes(one[name]))
@@ -97,10 +99,11 @@ def by_rate(summaries: Sequence[Summary]) -> str:
     """Success by failure rate, in Markdown: a row a decade (a rate, where no decade was flown), a column a line."""
     found: dict[str, dict[float, str]] = {}
     sizes = {one["drones"] for one in summaries}
+    alone = {one["strategy"] for one in summaries} - {one["strategy"] for one in summaries if one["healing"]}
     for one in summaries:
         head = f"{one['plume']}: {one['strategy']}"
         head += f" {one['drones']}" if len(sizes) > 1 else ""
-        head += "" if one["strategy"] == "mobs" else ", healing" if one["healing"] else ", no healing"
+        head += "" if one["strategy"] in alone else f", {healing_words(one, 'healing', 'no healing')}"
         text = f"{percent(one, 'success_rate')} ({percent(one, 'success_low', 'success_high')})"
         found.setdefault(head, {})[one["failure_rate"]] = text
     lines = [
@@ -112,6 +115,13 @@ def by_rate(summaries: Sequence[Summary]) -> str:
         cells = (column.get(rate, "-") for column in found.values())
         lines.append(f"| {rate:.0e} | " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
+
+
+def healing_words(summary: Summary, yes: str = "on", no: str = "off") -> str:
+    """Whether a cell heals, and if not, whether nobody goes on after a loss."""
+    if summary.get("healing"):
+        return yes
+    return f"{no}, nobody goes on" if summary.get("unhealed") == "nobody" else no
 
 
 def percent(summary: Summary, *names: str) -> str:

@@ -10,18 +10,23 @@ from msgspec import Meta
 
 from mission.geometry.formation import Hexagonal, Layout, Rings
 from mission.strategies.registry import checked, find
+from simvehicle.trials.motion import MOTIONS, MotionName
 
 PlumeKind = Literal["smooth", "perturbed", "gaussian", "gusty"]
 """The paper's grid, smooth or perturbed; the physical plume in a steady or in a gusting wind."""
 FailureKind = Literal["none", "generic", "in-plume"]
+Unhealed = Literal["reached", "nobody"]
+"""Who gets further waypoints once a drone in the tree is lost and nobody heals it."""
 
-PLUMES: tuple[PlumeKind, ...] = ("smooth", "perturbed", "gaussian", "gusty")
+GRIDS: tuple[PlumeKind, ...] = ("smooth", "perturbed")
+PLUMES: tuple[PlumeKind, ...] = (*GRIDS, "gaussian", "gusty")
 
 _NAMES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("plume", "plume", PLUMES),
-    ("motion", "motion model", ("pd", "cruise")),
+    ("motion", "motion model", MOTIONS),
     ("failure", "kind of failure", ("none", "generic", "in-plume")),
     ("layout", "formation layout", ("rings", "hexagonal")),
+    ("unhealed", "way to go on without healing", ("reached", "nobody")),
 )
 """Field, what it is, and the names that it may have."""
 
@@ -36,12 +41,14 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
     drones: int = 20
     plume: PlumeKind = "smooth"
     arena_m: float = 100.0
-    motion: Literal["pd", "cruise"] = "pd"
+    motion: MotionName = "pd"
     speed_mps: float = 5.0
     """Of `cruise`; so are the next two. Reactive strategies keep this speed and acceleration, whatever `motion`."""
     acceleration_mps2: float = 2.0
     settle_s: float = 1.0
     healing: bool = True
+    unhealed: Unhealed = "reached"
+    """Without healing: the drones that the root still reaches through living ones go on, or nobody does [authors]."""
     failure: FailureKind = "none"
     failure_rate: float = 0.0
     """Probability of failure a drone and tick of 1/16 s; in the plume it is multiplied by the reading."""
@@ -60,6 +67,11 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
     """How often a tick the authors' program draws an in-plume failure."""
     gust_sd_mps: float = 0.5
     """Of the `gusty` plume's crosswind."""
+    cut_cells: bool = False
+    """Cells of the plume's grid are cut towards zero in the world's coordinates, and the plume stands at a whole
+    decimetre [authors], so that south and west of the launch point readings are a cell off."""
+    cut_goal: bool = False
+    """The place that counts as the maximum is cut to whole metres towards zero [authors]."""
     limit_ticks: int = 1_000_000
     source: tuple[float, float] | None = None
     """The plume's origin (north, east of the launch point, m); None: drawn anew for every trial."""
@@ -77,6 +89,8 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
             for name, what, known in _NAMES
             if getattr(self, name) not in known
         ]
+        if self.cut_cells and self.plume not in GRIDS:
+            found.append(f"only the plumes {' and '.join(GRIDS)} have cells to cut, not {self.plume}")
         if not 1 <= self.drones <= 1000:
             found.append(f"a swarm has 1 to 1000 drones, not {self.drones}")
         if not 0.0 <= self.failure_rate <= 1.0:
@@ -125,7 +139,7 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
         """A short name for tables and figures."""
         text = f"{self.strategy} x{self.drones} {self.plume}"
         if not self.healing:
-            text += " no-heal"
+            text += " no-heal" if self.unhealed == "reached" else " no-heal-stop"
         if self.failure != "none":
             text += f" {self.failure} {self.failure_rate:g}"
         return text

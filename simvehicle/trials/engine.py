@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from mission.geometry.formation import FloatArray, IntArray
 from mission.strategies.locus.groups import group_begin, group_count
 from mission.strategies.locus.seats import nearest_first
+from mission.strategies.mobs import STATE_SIZE, mobs_begin
+from mission.strategies.mobs_authors import AUTHORS_STATE_SIZE, mobs_authors_begin
 from simvehicle.compiled import compiled, kernel
 from simvehicle.trials.flight import (
     CONTACT,
@@ -29,10 +33,14 @@ from simvehicle.trials.flight import (
     Scene,
 )
 from simvehicle.trials.locus import Slots, fly_locus
-from simvehicle.trials.mobs import fly_mobs
+from simvehicle.trials.mobs import fly_mobs, fly_mobs_authors
 from simvehicle.trials.motion import ROW, X, Y
-from simvehicle.trials.randomness import DECISIONS, OWN, open_stream
+from simvehicle.trials.randomness import DECISIONS, OWN, Stream, open_stream, uniform
 from simvehicle.trials.start import GROUP, MOBS_STEP_M, drone_start, prepare_world
+
+_FIRST_PAUSE = 256
+_SHARE = 4
+"""Drones on their own are compared after 256 ticks, and whenever a quarter more have passed."""
 
 
 @kernel
@@ -72,23 +80,105 @@ def prepare_drones(drones: Drones, first: int, setup: FloatArray, seed: int, tri
 
 
 @kernel
+def _count(tally: IntArray, drone: int, contact: int, success: int) -> None:
+    """What one drone on its own came to."""
+    if contact < tally[CONTACT]:
+        tally[CONTACT] = contact
+        tally[CONTACT_DRONE] = drone
+    tally[SUCCESS] = min(tally[SUCCESS], success)
+
+
+@kernel
+def _set_out(drones: Drones, streams: Stream, seed: int, trial: int) -> None:
+    """All drones on their own: each has its own stream, and its first leg leads to the centre."""
+    for i in range(drones.alive.shape[0]):
+        open_stream(streams[i : i + 1], seed, trial, OWN + i)
+        drones.targets[i] = 0.0
+        drones.begun[i] = 0
+        drones.ends[i] = NEVER
+
+
+@kernel
+def _later(pause: int) -> int:
+    """When drones on their own are next compared. One after another, none is flown far beyond another's success."""
+    return pause + max(pause // _SHARE, _FIRST_PAUSE)
+
+
+@kernel
 def _mobs_all(
     scene: Scene, drones: Drones, setup: FloatArray, seed: int, trial: int, until: int, until_contact: bool
 ) -> None:
     """All drones on their own, up to the first success (or the first contact) of any of them."""
+    count = drones.alive.shape[0]
     tally = drones.tally
-    stream = np.zeros(1, np.uint64)
-    for i in range(drones.alive.shape[0]):
-        open_stream(stream, seed, trial, OWN + i)
-        contact, success = fly_mobs(scene, drones, i, i, stream, setup[MOBS_STEP_M], until, until_contact)
-        if contact < tally[CONTACT]:
-            tally[CONTACT] = contact
-            tally[CONTACT_DRONE] = i
-        if success < tally[SUCCESS]:
-            tally[SUCCESS] = success
-        until = min(until, success)
-        if until_contact:
-            until = min(until, contact)
+    streams = np.zeros(count, np.uint64)
+    states = np.zeros((count, STATE_SIZE))
+    contacts = np.full(count, NEVER)
+    _set_out(drones, streams, seed, trial)
+    for i in range(count):
+        mobs_begin(states[i], 2.0 * math.pi * uniform(streams[i : i + 1]))
+    pause = 0
+    while pause < until:
+        pause = _later(pause)
+        for i in range(count):
+            if drones.ends[i] < NEVER:
+                continue
+            contacts[i], success = fly_mobs(
+                scene,
+                drones,
+                i,
+                states[i],
+                streams[i : i + 1],
+                setup[MOBS_STEP_M],
+                contacts[i],
+                pause,
+                until,
+                until_contact,
+            )
+            _count(tally, i, contacts[i], success)
+            until = min(until, success)
+            if until_contact:
+                until = min(until, contacts[i])
+
+
+@kernel
+def mobs_authors_all(
+    scene: Scene,
+    drones: Drones,
+    setup: FloatArray,
+    seed: int,
+    trial: int,
+    until: int,
+    bearings_rad: FloatArray,
+) -> None:
+    """The same by the authors' rule, up to the first success; NaN: the first bearing is drawn."""
+    count = drones.alive.shape[0]
+    streams = np.zeros(count, np.uint64)
+    states = np.zeros((count, AUTHORS_STATE_SIZE))
+    contacts = np.full(count, NEVER)
+    _set_out(drones, streams, seed, trial)
+    for i in range(count):
+        drawn_rad = 2.0 * math.pi * uniform(streams[i : i + 1])
+        mobs_authors_begin(states[i], drawn_rad if math.isnan(bearings_rad[i]) else bearings_rad[i])
+    pause = 0
+    while pause < until:
+        pause = _later(pause)
+        for i in range(count):
+            if drones.ends[i] < NEVER:
+                continue
+            contacts[i], success = fly_mobs_authors(
+                scene,
+                drones,
+                i,
+                states[i],
+                streams[i : i + 1],
+                setup[MOBS_STEP_M],
+                contacts[i],
+                pause,
+                until,
+            )
+            _count(drones.tally, i, contacts[i], success)
+            until = min(until, success)
 
 
 @kernel
@@ -103,6 +193,8 @@ def _settle_mobs(drones: Drones, until: int) -> None:
         else:
             last = max(last, drones.ends[i])
     drones.tally[NOW] = last if everybody else until
+    if drones.tally[CONTACT] > drones.tally[NOW]:
+        drones.tally[CONTACT] = NEVER  # a drone's that was flown on beyond another's success
 
 
 @kernel
@@ -266,6 +358,27 @@ def run_mobs(
 
 
 @compiled
+def run_mobs_authors(
+    scene: Scene,
+    slots: Slots,  # noqa: ARG001
+    numbers: FloatArray,  # noqa: ARG001
+    setup: FloatArray,
+    count: int,
+    seed: int,
+    first: int,
+    limit: int,
+    legs: FloatArray,
+    results: IntArray,
+    origins: FloatArray,
+) -> None:
+    for row in range(results.shape[0]):
+        drones = _begin(scene, setup, count, seed, first + row, limit, legs)
+        mobs_authors_all(scene, drones, setup, seed, first + row, limit, np.full(count, np.nan))
+        _settle_mobs(drones, min(limit, drones.tally[SUCCESS]))
+        _note(scene, drones, results[row], origins[row])
+
+
+@compiled
 def run_hybrid(
     scene: Scene,
     slots: Slots,
@@ -305,5 +418,11 @@ def run_multi(
         _note(scene, drones, results[row], origins[row])
 
 
-RUNS = {"locus": run_locus, "mobs": run_mobs, "locus-hybrid": run_hybrid, "locus-multi": run_multi}
+RUNS = {
+    "locus": run_locus,
+    "mobs": run_mobs,
+    "mobs-authors": run_mobs_authors,
+    "locus-hybrid": run_hybrid,
+    "locus-multi": run_multi,
+}
 """Strategy -> entry."""

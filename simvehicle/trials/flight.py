@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from mission.geometry.formation import FloatArray, IntArray
-from simvehicle.compiled import kernel
+from simvehicle.compiled import kernel, leaf
 from simvehicle.trials.motion import (
     PD,
     ROW,
@@ -107,7 +107,7 @@ class Drones(NamedTuple):
     found: IntArray
 
 
-@kernel
+@leaf
 def read_at(scene: Scene, row: FloatArray, tick: int) -> float:
     """What a drone in state `row` reads at `tick`."""
     x = row[X] - scene.world[ORIGIN_X]
@@ -115,7 +115,7 @@ def read_at(scene: Scene, row: FloatArray, tick: int) -> float:
     return reading(scene.plume, scene.grid, x, y, tick / TICKS_PER_S)
 
 
-@kernel
+@leaf
 def _passes(
     scene: Scene,
     row: FloatArray,
@@ -139,13 +139,13 @@ def _passes(
     )
 
 
-@kernel
+@leaf
 def passes_plume(scene: Scene, row: FloatArray, tx: float, ty: float) -> bool:
     plume = scene.plume
     return _passes(scene, row, tx, ty, plume[LOW_X], plume[HIGH_X], plume[LOW_Y], plume[HIGH_Y])
 
 
-@kernel
+@leaf
 def passes_source(scene: Scene, row: FloatArray, tx: float, ty: float) -> bool:
     x, y, near = scene.plume[SOURCE_X], scene.plume[SOURCE_Y], scene.world[SUCCESS_M]
     return _passes(scene, row, tx, ty, x - near, x + near, y - near, y + near)
@@ -185,10 +185,8 @@ def walk(
     begun = 0
     for k in range(1, ticks + 1):
         if scene.motion[0] == PD and not free:
-            clamped_x = pd_tick(work, 0, tx)
-            clamped_y = pd_tick(work, 1, ty)
+            free = pd_tick(scene.motion, work, tx, ty)
             x, y = work[X], work[Y]
-            free = not (clamped_x or clamped_y)
             begun = k
         elif scene.motion[0] == PD and k - begun < scene.powers.shape[0]:
             x, y = pd_place(work, tx, ty, scene.powers, k - begun)
@@ -219,7 +217,7 @@ def walk(
     return survival
 
 
-@kernel
+@leaf
 def record(drones: Drones, drone: int, label: int, start_tick: int, ticks: int, heir: int) -> None:
     """Note a leg that begins in the drone's present state, if there is room."""
     at = drones.tally[LEGS]

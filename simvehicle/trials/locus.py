@@ -40,7 +40,8 @@ from simvehicle.trials.motion import X, Y, straight_ticks
 from simvehicle.trials.randomness import Stream, uniform
 
 # Places in the numbers of a LoCUS swarm, after those of its rule.
-HEALING, FIRST_TURN_RAD, DROP_M, LOCUS_NUMBERS = range(RULE_NUMBERS, RULE_NUMBERS + 4)
+HEALING, NOBODY, FIRST_TURN_RAD, DROP_M, LOCUS_NUMBERS = range(RULE_NUMBERS, RULE_NUMBERS + 5)
+"""NOBODY: without healing nobody goes on once a drone is lost; else those do whom the root still reaches."""
 
 
 class Slots(NamedTuple):
@@ -71,12 +72,17 @@ def _clear(numbers: IntArray) -> None:
 
 
 @kernel
-def _connected(holder: IntArray, parent: IntArray, alive: IntArray, required: IntArray) -> int:
-    """Without healing: mark the drones that the root still reaches through living ones; how many they are."""
+def _connected(holder: IntArray, parent: IntArray, alive: IntArray, required: IntArray, nobody: bool) -> int:
+    """Without healing: mark the drones that the root still reaches through living ones; how many go on.
+
+    With `nobody`: none, once one that holds a slot is lost.
+    """
     _clear(required)
     reached = 0
     for slot in range(holder.shape[0]):
         drone = holder[slot]
+        if drone >= 0 and alive[drone] == 0 and nobody:
+            return 0
         if drone < 0 or alive[drone] == 0:
             continue
         if slot == 0 or (holder[parent[slot]] >= 0 and required[holder[parent[slot]]] == 1):
@@ -191,9 +197,9 @@ def fly_locus(
             for i in range(count):
                 members += required[i]
         else:
-            members = _connected(holder, slots.parent, drones.alive, required)
+            members = _connected(holder, slots.parent, drones.alive, required, numbers[NOBODY] > 0.0)
         if members == 0:
-            # The root has failed and nobody takes its place: no drone will get another waypoint.
+            # The root has failed (or with NOBODY anybody) and nobody takes its place: no drone gets another waypoint.
             drones.tally[NOW] = drones.tally[LIMIT]
             return
         # The window: the readings of this waypoint and of the one before, 2 x swarm size of them at most.

@@ -1,12 +1,13 @@
 """How a drone of the trials moves from point to point, in closed form, tick by tick exact.
 
-Two models, both horizontal, 16 ticks a second:
+Three models, all horizontal, 16 ticks a second:
 
-* `pd`, the paper authors' position controller: per axis and tick, with h = 0.00625,
+* `paper`, the paper authors' position controller: ten updates a tick, each per axis and with h = 0.00625,
   x += v h; v += h a; e = target - x; a = clamp(20 e + 10 (e - e_before) / h, -1000, 1000).
-  Away from the clamp the step is linear in (x - target, v, a), so k ticks are one multiplication with the
-  k-th power of a constant matrix. The clamp acts in the first tick or ticks of a leg only (the kick that a new
+  Away from the clamp an update is linear in (x - target, v, a), so k ticks are one multiplication with the
+  10k-th power of a constant matrix. The clamp acts in the first tick or ticks of a leg only (the kick that a new
   target gives to the derivative, and legs over 50 m); these are stepped one by one.
+* `pd`, the same with one update a tick, as the authors' program runs on later versions of its simulator.
 * `cruise`, a real drone: straight to the target with limited speed and acceleration, from rest to rest,
   then a pause to settle.
 
@@ -16,6 +17,7 @@ A drone's state is a row of 8 numbers: x, y, vx, vy, ax, ay and the control erro
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import Annotated, Literal
 
@@ -24,14 +26,16 @@ import numpy as np
 from msgspec import Meta
 
 from mission.geometry.formation import FloatArray
-from simvehicle.compiled import kernel
+from simvehicle.compiled import kernel, leaf
 
 TICKS_PER_S = 16
 X, Y, VX, VY, AX, AY, EX, EY, ROW = range(9)
 PD, CRUISE = 0, 1
 PD_STEP, PD_P, PD_D, PD_CLAMP = 0.00625, 20.0, 10.0, 1000.0
 ARRIVED_M = 0.1
-"""`pd`: a waypoint is reached when both axes are nearer than this at a tick."""
+"""`paper` and `pd`: a waypoint is reached when both axes are nearer than this at a tick."""
+PAPER_UPDATES = 10
+"""`paper`: updates a tick."""
 _POWERS = 2048
 _FAR = 1 << 40
 _SHORT_M = 2.5
@@ -39,7 +43,10 @@ _SHORT_TICKS = 256
 
 
 class Pd(msgspec.Struct, frozen=True, tag="pd", tag_field="model", forbid_unknown_fields=True):
-    """The authors' controller: ten times slower than its gains suggest (a 10 m leg from rest takes 18.5 s)."""
+    """The authors' controller."""
+
+    updates: Annotated[int, Meta(ge=1, le=PAPER_UPDATES)] = 1
+    """A tick. With one the drone is ten times slower than the gains suggest: 10 m from rest take 18.5 s, not 1.9."""
 
 
 class Cruise(msgspec.Struct, frozen=True, tag="cruise", tag_field="model", forbid_unknown_fields=True):
@@ -52,45 +59,48 @@ class Cruise(msgspec.Struct, frozen=True, tag="cruise", tag_field="model", forbi
 
 
 Motion = Pd | Cruise
-MotionName = Literal["pd", "cruise"]
+MotionName = Literal["paper", "pd", "cruise"]
+MOTIONS: tuple[MotionName, ...] = ("paper", "pd", "cruise")
 
 
 def motion_numbers(motion: Motion) -> FloatArray:
-    """`motion` as the kernels take it: kind, then the numbers of `cruise`."""
+    """`motion` as the kernels take it: kind, then the updates of `pd` or the numbers of `cruise`."""
     if isinstance(motion, Pd):
-        return np.array([PD, 0.0, 0.0, 0.0])
+        return np.array([PD, motion.updates, 0.0, 0.0])
     return np.array([CRUISE, motion.speed_mps, motion.acceleration_mps2, motion.settle_s])
 
 
-def _powers() -> FloatArray:
-    step = np.array(
-        [
-            [1.0, PD_STEP, 0.0],
-            [0.0, 1.0, PD_STEP],
-            [-PD_P, -PD_P * PD_STEP - PD_D, 0.0],
-        ]
-    )
-    table = np.empty((_POWERS, 3, 3))
+def _powers(step: FloatArray, count: int) -> FloatArray:
+    table = np.empty((count, 3, 3))
     table[0] = np.eye(3)
-    for k in range(1, _POWERS):
+    for k in range(1, count):
         table[k] = table[k - 1] @ step
     return table
 
 
-POWERS = _powers()
-"""POWERS[k] takes (x - target, v, a) forward by k ticks."""
+_UPDATES = _powers(
+    np.array([[1.0, PD_STEP, 0.0], [0.0, 1.0, PD_STEP], [-PD_P, -PD_P * PD_STEP - PD_D, 0.0]]),
+    PAPER_UPDATES + 1,
+)
+"""_UPDATES[k] takes (x - target, v, a) forward by k updates."""
 
 
-@kernel
+@functools.cache
+def powers_of(motion: Motion) -> FloatArray:
+    """Of these, the k-th takes (x - target, v, a) of `paper` or `pd` forward by k ticks; `cruise` needs none."""
+    return _powers(_UPDATES[motion.updates if isinstance(motion, Pd) else 1], _POWERS)
+
+
+@leaf
 def copy_row(source: FloatArray, target: FloatArray) -> None:
     """`target[:] = source`, which the compiler takes ten times longer to compile."""
     for place in range(ROW):
         target[place] = source[place]
 
 
-@kernel
-def pd_tick(row: FloatArray, axis: int, target: float) -> bool:
-    """One tick of one axis; whether the clamp acted."""
+@leaf
+def _pd_update(row: FloatArray, axis: int, target: float) -> bool:
+    """One update of one axis; whether the clamp acted."""
     row[X + axis] += row[VX + axis] * PD_STEP
     row[VX + axis] += row[AX + axis] * PD_STEP
     error = target - row[X + axis]
@@ -100,20 +110,48 @@ def pd_tick(row: FloatArray, axis: int, target: float) -> bool:
     return bool(abs(wanted) > PD_CLAMP)
 
 
-@kernel
-def _pd_free(row: FloatArray, tx: float, ty: float, most: int) -> int:
+@leaf
+def _pd_jump(row: FloatArray, tx: float, ty: float, powers: FloatArray, k: int) -> None:
+    """Take `row`, which the clamp has let go, forward by the `k`-th of `powers`."""
+    for axis in range(2):
+        target = tx if axis == 0 else ty
+        d = row[X + axis] - target
+        v = row[VX + axis]
+        a = row[AX + axis]
+        moved = powers[k, 0, 0] * d + powers[k, 0, 1] * v + powers[k, 0, 2] * a
+        row[VX + axis] = powers[k, 1, 0] * d + powers[k, 1, 1] * v + powers[k, 1, 2] * a
+        row[AX + axis] = powers[k, 2, 0] * d + powers[k, 2, 1] * v + powers[k, 2, 2] * a
+        row[X + axis] = target + moved
+        row[EX + axis] = -moved
+
+
+@leaf
+def pd_tick(motion: FloatArray, row: FloatArray, tx: float, ty: float) -> bool:
+    """One tick; whether the clamp has let go of both axes: it will not act again before the next leg."""
+    left = int(motion[1])
+    while left > 0:
+        clamped_x = _pd_update(row, 0, tx)
+        clamped_y = _pd_update(row, 1, ty)
+        left -= 1
+        if not (clamped_x or clamped_y):
+            if left > 0:
+                _pd_jump(row, tx, ty, _UPDATES, left)
+            return True
+    return False
+
+
+@leaf
+def _pd_free(motion: FloatArray, row: FloatArray, tx: float, ty: float, most: int) -> int:
     """Step until the clamp acts on neither axis, at most `most` ticks; the number of ticks."""
     ticks = 0
     while ticks < most:
-        clamped_x = pd_tick(row, 0, tx)
-        clamped_y = pd_tick(row, 1, ty)
         ticks += 1
-        if not (clamped_x or clamped_y):
+        if pd_tick(motion, row, tx, ty):
             break
     return ticks
 
 
-@kernel
+@leaf
 def pd_place(row: FloatArray, tx: float, ty: float, powers: FloatArray, k: int) -> tuple[float, float]:
     """Where a drone in state `row` is `k` ticks after the clamp has let go."""
     return (
@@ -122,13 +160,13 @@ def pd_place(row: FloatArray, tx: float, ty: float, powers: FloatArray, k: int) 
     )
 
 
-@kernel
+@leaf
 def _pd_inside(row: FloatArray, tx: float, ty: float, powers: FloatArray, k: int) -> bool:
     x, y = pd_place(row, tx, ty, powers, k)
     return bool(abs(x - tx) < ARRIVED_M and abs(y - ty) < ARRIVED_M)
 
 
-@kernel
+@leaf
 def _pd_first_inside(row: FloatArray, tx: float, ty: float, powers: FloatArray, least: int) -> int:
     """The first tick k >= `least` at which a drone that leaves the clamp in state `row` is inside.
 
@@ -159,7 +197,7 @@ def _pd_first_inside(row: FloatArray, tx: float, ty: float, powers: FloatArray, 
     return inside
 
 
-@kernel
+@leaf
 def _cruise_s(length_m: float, speed_mps: float, acceleration_mps2: float) -> float:
     """Time of a flight from rest to rest."""
     if length_m * acceleration_mps2 >= speed_mps * speed_mps:
@@ -167,7 +205,7 @@ def _cruise_s(length_m: float, speed_mps: float, acceleration_mps2: float) -> fl
     return 2.0 * math.sqrt(length_m / acceleration_mps2)
 
 
-@kernel
+@leaf
 def _cruise_m(time_s: float, length_m: float, speed_mps: float, acceleration_mps2: float) -> float:
     """Distance flown after `time_s` of a flight from rest to rest."""
     whole_s = _cruise_s(length_m, speed_mps, acceleration_mps2)
@@ -182,7 +220,7 @@ def _cruise_m(time_s: float, length_m: float, speed_mps: float, acceleration_mps
     return 0.5 * acceleration_mps2 * ramp_s * ramp_s + speed_mps * (time_s - ramp_s)
 
 
-@kernel
+@leaf
 def begin_leg(motion: FloatArray, row: FloatArray, tx: float, ty: float, ahead: FloatArray) -> int:
     """Look ahead on a leg that begins in state `row`: what `first_inside` needs.
 
@@ -191,14 +229,14 @@ def begin_leg(motion: FloatArray, row: FloatArray, tx: float, ty: float, ahead: 
     """
     copy_row(row, ahead)
     if motion[0] == PD:
-        return _pd_free(ahead, tx, ty, _FAR)
+        return _pd_free(motion, ahead, tx, ty, _FAR)
     length_m = math.hypot(tx - row[X], ty - row[Y])
     whole_s = _cruise_s(length_m, motion[1], motion[2]) + motion[3]
     ticks: int = math.ceil(whole_s * TICKS_PER_S - 1e-9)
     return max(1, ticks)
 
 
-@kernel
+@leaf
 def first_inside(
     motion: FloatArray, ahead: FloatArray, begun: int, tx: float, ty: float, powers: FloatArray, least: int
 ) -> int:
@@ -208,7 +246,7 @@ def first_inside(
     return max(begun, least)
 
 
-@kernel
+@leaf
 def leg_ticks(
     motion: FloatArray, row: FloatArray, tx: float, ty: float, powers: FloatArray, ahead: FloatArray
 ) -> int:
@@ -217,23 +255,14 @@ def leg_ticks(
     return first_inside(motion, ahead, begun, tx, ty, powers, 1)
 
 
-@kernel
+@leaf
 def fly(motion: FloatArray, row: FloatArray, tx: float, ty: float, ticks: int, powers: FloatArray) -> None:
     """Take `row` forward by `ticks` ticks of its leg to (tx, ty); the leg begins in state `row`."""
     if motion[0] == PD:
-        left = ticks - _pd_free(row, tx, ty, ticks)
+        left = ticks - _pd_free(motion, row, tx, ty, ticks)
         while left > 0:
             k = min(left, powers.shape[0] - 1)
-            for axis in range(2):
-                target = tx if axis == 0 else ty
-                d = row[X + axis] - target
-                v = row[VX + axis]
-                a = row[AX + axis]
-                moved = powers[k, 0, 0] * d + powers[k, 0, 1] * v + powers[k, 0, 2] * a
-                row[VX + axis] = powers[k, 1, 0] * d + powers[k, 1, 1] * v + powers[k, 1, 2] * a
-                row[AX + axis] = powers[k, 2, 0] * d + powers[k, 2, 1] * v + powers[k, 2, 2] * a
-                row[X + axis] = target + moved
-                row[EX + axis] = -moved
+            _pd_jump(row, tx, ty, powers, k)
             left -= k
         return
     length_m = math.hypot(tx - row[X], ty - row[Y])
@@ -250,7 +279,7 @@ def straight_ticks(motion: FloatArray, length_m: float, powers: FloatArray, work
     return leg_ticks(motion, rest, length_m, 0.0, powers, work)
 
 
-@kernel
+@leaf
 def freeze(row: FloatArray) -> None:
     """The drone has failed: it stays where it is and never moves again."""
     for place in range(VX, ROW):

@@ -17,7 +17,7 @@ from mission.strategies.locus.spiral import arm_spacing_m
 from mission.strategies.registry import find
 from simvehicle.compiled import engine_identity
 from simvehicle.trials import locus as locus_kernel
-from simvehicle.trials.cell import Cell
+from simvehicle.trials.cell import GRIDS, Cell
 from simvehicle.trials.engine import RUNS
 from simvehicle.trials.flight import (
     ARENA_M,
@@ -41,9 +41,18 @@ from simvehicle.trials.flight import (
     WORLD_NUMBERS,
     Scene,
 )
-from simvehicle.trials.motion import POWERS, TICKS_PER_S, Cruise, Pd, motion_numbers
-from simvehicle.trials.plume import plume_numbers
-from simvehicle.trials.start import FIXED_SOURCE, GENERIC_RATE, GROUP, MOBS_STEP_M, SETUP_NUMBERS
+from simvehicle.trials.motion import PAPER_UPDATES, TICKS_PER_S, Cruise, Motion, Pd, motion_numbers, powers_of
+from simvehicle.trials.plume import SOURCE_X, SOURCE_Y, plume_numbers
+from simvehicle.trials.start import (
+    CUT_GOAL,
+    FIXED_SOURCE,
+    GENERIC_RATE,
+    GOAL_X,
+    GOAL_Y,
+    GROUP,
+    MOBS_STEP_M,
+    SETUP_NUMBERS,
+)
 from simvehicle.trials.ticks.flying import tick_kernel
 from simvehicle.trials.ticks.swarm import Track, fly_swarm
 
@@ -81,6 +90,7 @@ def kernel_setup(cell: Cell) -> Setup:
     )
     numbers = np.zeros(locus_kernel.LOCUS_NUMBERS)
     numbers[locus_kernel.HEALING] = float(cell.healing)
+    numbers[locus_kernel.NOBODY] = float(cell.unhealed == "nobody")
     numbers[locus_kernel.FIRST_TURN_RAD] = math.pi
     numbers[locus_kernel.DROP_M] = cell.r_min_m
     numbers[rule.STEP_M] = cell.step_m
@@ -104,13 +114,21 @@ def kernel_setup(cell: Cell) -> Setup:
     world[IN_PLUME_RATE] = cell.failure_rate if cell.failure == "in-plume" else 0.0
     world[IN_PLUME_DRAWS] = cell.in_plume_draws
     world[ARENA_M] = cell.arena_m
-    if cell.plume in ("smooth", "perturbed"):
-        plume, grid = plume_numbers("locus-grid", cell.plume == "perturbed", 0.0)
+    if cell.plume in GRIDS:
+        plume, grid = plume_numbers("locus-grid", cell.plume == "perturbed", 0.0, cell.cut_cells)
     else:
         plume, grid = plume_numbers("gaussian", False, cell.gust_sd_mps if cell.plume == "gusty" else 0.0)
-    motion = Pd() if cell.motion == "pd" else Cruise(cell.speed_mps, cell.acceleration_mps2, cell.settle_s)
-    scene = Scene(motion_numbers(motion), world, plume.copy(), grid, POWERS)
+    setup[CUT_GOAL] = float(cell.cut_goal)
+    setup[GOAL_X], setup[GOAL_Y] = plume[SOURCE_X], plume[SOURCE_Y]
+    motion = _motion(cell)
+    scene = Scene(motion_numbers(motion), world, plume.copy(), grid, powers_of(motion))
     return Setup(scene, slots, numbers, setup, cell.drones)
+
+
+def _motion(cell: Cell) -> Motion:
+    if cell.motion == "cruise":
+        return Cruise(cell.speed_mps, cell.acceleration_mps2, cell.settle_s)
+    return Pd(PAPER_UPDATES if cell.motion == "paper" else 1)
 
 
 def run_cell(cell: Cell, seed: int, first: int, count: int) -> pd.DataFrame:
@@ -210,6 +228,7 @@ def _rows(cell: Cell, seed: int, first: int, results: np.ndarray, origins: Float
             "arena_m": cell.arena_m,
             "motion": cell.motion if find(cell.strategy).ticks is None else "cruise",
             "healing": cell.healing,
+            "unhealed": cell.unhealed,
             "failure": cell.failure,
             "failure_rate": cell.failure_rate,
             "seed": seed,

@@ -32,11 +32,12 @@ from simvehicle.world.world_config import GaussianPlume
 
 PlumeName = Literal["locus-grid", "gaussian"]
 
-# Places in a plume's numbers.
-KIND, SOURCE_X, SOURCE_Y, LOW_X, HIGH_X, LOW_Y, HIGH_Y, VENT, HEIGHT, PEAK, WIND, WAVES = range(12)
+# Places in a plume's numbers; AT_X and AT_Y are its origin in the world, where its cells are cut there.
+KIND, SOURCE_X, SOURCE_Y, LOW_X, HIGH_X, LOW_Y, HIGH_Y = range(7)
+VENT, HEIGHT, PEAK, WIND, AT_X, AT_Y, WAVES = range(7, 14)
 WAVE_COUNT = 4
 NUMBERS = WAVES + 2 * WAVE_COUNT
-GRID, GAUSSIAN = 0, 1
+GRID, GAUSSIAN, CUT_GRID = range(3)
 
 VENT_SD_M = 4.0
 HEIGHT_M = 10.0
@@ -46,18 +47,27 @@ _WAVE_PERIODS_S = (7.0, 19.0, 43.0, 101.0)
 
 
 @functools.cache
-def plume_numbers(name: PlumeName, perturbed: bool, gust_sd_mps: float) -> tuple[FloatArray, FloatArray]:
-    """(numbers, grid) of a plume about the origin; the source's place and box are relative to it."""
+def plume_numbers(
+    name: PlumeName, perturbed: bool, gust_sd_mps: float, cut_cells: bool = False
+) -> tuple[FloatArray, FloatArray]:
+    """(numbers, grid) of a plume about the origin; the source's place and box are relative to it.
+
+    `cut_cells`: cells are cut towards zero in the world's coordinates, which moves them by up to a cell, and have the
+    value of their first corner.
+    """
     numbers = np.zeros(NUMBERS)
     if name == "locus-grid":
-        grid = locus_grid(perturbed)
+        grid = locus_grid(perturbed, not cut_cells)
         rows, columns = np.nonzero(grid)
-        numbers[KIND] = GRID
-        numbers[SOURCE_X], numbers[SOURCE_Y] = locus_grid_source_m(grid)
+        numbers[KIND] = CUT_GRID if cut_cells else GRID
+        numbers[SOURCE_X], numbers[SOURCE_Y] = locus_grid_source_m(grid, not cut_cells)
         numbers[LOW_X] = rows.min() * LOCUS_CELL_M
         numbers[HIGH_X] = (rows.max() + 1) * LOCUS_CELL_M
         numbers[LOW_Y] = columns.min() * LOCUS_CELL_M - LOCUS_WIDTH_M / 2.0
         numbers[HIGH_Y] = (columns.max() + 1) * LOCUS_CELL_M - LOCUS_WIDTH_M / 2.0
+        if cut_cells:
+            numbers[LOW_X] -= LOCUS_CELL_M
+            numbers[LOW_Y] -= LOCUS_CELL_M
         return numbers, grid
     config = GaussianPlume(
         source_north_m=0.0, source_east_m=0.0, source_above_home_m=HEIGHT_M, vent_sd_m=VENT_SD_M
@@ -95,9 +105,21 @@ def _meandering_value(plume: FloatArray, x: float, y: float, time_s: float) -> f
     return value if value >= LOCUS_CUT else 0.0
 
 
+@kernel
+def _cut_value(plume: FloatArray, grid: FloatArray, x: float, y: float) -> float:
+    """The grid's value where the cell is found from the place in the world, in decimetres cut towards zero."""
+    row = int((x + plume[AT_X]) / LOCUS_CELL_M) - round(plume[AT_X] / LOCUS_CELL_M)
+    column = int((y + plume[AT_Y]) / LOCUS_CELL_M) - round(plume[AT_Y] / LOCUS_CELL_M) + grid.shape[1] // 2
+    if 0 <= row < grid.shape[0] and 0 <= column < grid.shape[1]:
+        return float(grid[row, column])
+    return 0.0
+
+
 @leaf
 def reading(plume: FloatArray, grid: FloatArray, x: float, y: float, time_s: float) -> float:
     """What a sensor at (x, y) north and east of the plume's origin reads, in [0, 1]."""
-    if plume[KIND] != GRID:
-        return _meandering_value(plume, x, y, time_s)
-    return locus_grid_value(grid, x, y)
+    if plume[KIND] == GRID:
+        return locus_grid_value(grid, x, y)
+    if plume[KIND] == CUT_GRID:
+        return _cut_value(plume, grid, x, y)
+    return _meandering_value(plume, x, y, time_s)

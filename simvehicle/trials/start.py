@@ -9,7 +9,7 @@ import numpy as np
 from mission.geometry.formation import FloatArray
 from simvehicle.compiled import kernel
 from simvehicle.trials.flight import ARENA_M, ORIGIN_X, ORIGIN_Y, Scene
-from simvehicle.trials.plume import WAVE_COUNT, WAVES
+from simvehicle.trials.plume import AT_X, AT_Y, CUT_GRID, KIND, SOURCE_X, SOURCE_Y, WAVE_COUNT, WAVES
 from simvehicle.trials.randomness import (
     GENERIC,
     IN_PLUME,
@@ -22,10 +22,22 @@ from simvehicle.trials.randomness import (
 )
 
 # Places in the setup's numbers.
-GENERIC_RATE, MOBS_STEP_M, FIXED_SOURCE, GROUP, SETUP_NUMBERS = range(5)
+GENERIC_RATE, MOBS_STEP_M, FIXED_SOURCE, GROUP, CUT_GOAL, GOAL_X, GOAL_Y, SETUP_NUMBERS = range(8)
+"""GOAL: the maximum from the plume's origin; CUT_GOAL: what counts instead is its whole metres in the world."""
 
 _START_M = 8.0
 """Drones start at rest, uniform in the square of +-8 m about the launch point (authors)."""
+
+
+@kernel
+def _whole_decimetres(metres: float) -> float:
+    return int(10.0 * metres) / 10.0
+
+
+@kernel
+def _whole_metres(metres: float) -> float:
+    """Of a length in decimetres: cut towards zero."""
+    return float(int(round(10.0 * metres) / 10.0))
 
 
 @kernel
@@ -40,8 +52,15 @@ def prepare_world(scene: Scene, setup: FloatArray, seed: int, trial: int) -> Non
             y = arena_m * (2.0 * uniform(stream) - 1.0)
             if math.hypot(x, y) <= arena_m:
                 break
+        if scene.plume[KIND] == CUT_GRID:
+            x, y = _whole_decimetres(x), _whole_decimetres(y)
         scene.world[ORIGIN_X] = x
         scene.world[ORIGIN_Y] = y
+    x, y = scene.world[ORIGIN_X], scene.world[ORIGIN_Y]
+    scene.plume[AT_X], scene.plume[AT_Y] = x, y
+    if setup[CUT_GOAL] > 0.0:
+        scene.plume[SOURCE_X] = _whole_metres(x + setup[GOAL_X]) - x
+        scene.plume[SOURCE_Y] = _whole_metres(y + setup[GOAL_Y]) - y
     for wave in range(WAVE_COUNT):
         scene.plume[WAVES + WAVE_COUNT + wave] = 2.0 * math.pi * uniform(stream)
 

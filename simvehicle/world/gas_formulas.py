@@ -57,18 +57,20 @@ def gaussian_concentration_pm2(
 
 
 @functools.cache
-def locus_grid(perturbed: bool) -> FloatArray:
+def locus_grid(perturbed: bool, centred: bool = True) -> FloatArray:
     """The plume of the LoCUS paper's experiments as its authors ran it: values in [0, 1].
 
-    2000 x 400 cells of 0.1 m; cell [i, j] is centred (i + 0.5) * 0.1 m downwind and (j + 0.5) * 0.1 - 20 m
-    crosswind of the plume's origin. With xs = x/5, ys = y/5: c = Q/(2 pi K xs) exp(-u (ys^2 + H^2)/(4 K
-    xs)), Q = 2, K = 1000, H = 0.15, u = 50000; perturbed: times (0.8 + 0.2 sin 4x). Divided by its maximum,
-    values under 0.005 set to 0. The formula as printed cannot have been what ran: its peak would lie 1250 m
-    downwind.
+    2000 x 400 cells of 0.1 m; cell [i, j] has the value of the point (i + 0.5) * 0.1 m downwind and
+    (j + 0.5) * 0.1 - 20 m crosswind of the plume's origin, or, not `centred` as in their program, of the point
+    i * 0.1 m downwind and j * 0.1 - 20 m crosswind. With xs = x/5, ys = y/5:
+    c = Q/(2 pi K xs) exp(-u (ys^2 + H^2)/(4 K xs)), Q = 2, K = 1000, H = 0.15, u = 50000; perturbed: times
+    (0.8 + 0.2 sin 4x). Divided by its maximum, values under 0.005 set to 0. The formula as printed cannot have been
+    what ran: its peak would lie 1250 m downwind.
     """
-    x_m = (np.arange(round(LOCUS_LENGTH_M / LOCUS_CELL_M)) + 0.5)[:, None] * LOCUS_CELL_M
-    y_m = (np.arange(round(LOCUS_WIDTH_M / LOCUS_CELL_M)) + 0.5)[None, :] * LOCUS_CELL_M - LOCUS_WIDTH_M / 2.0
-    xs, ys = x_m / 5.0, y_m / 5.0
+    x_m = (np.arange(round(LOCUS_LENGTH_M / LOCUS_CELL_M)) + 0.5 * centred)[:, None] * LOCUS_CELL_M
+    y_m = (np.arange(round(LOCUS_WIDTH_M / LOCUS_CELL_M)) + 0.5 * centred)[None, :] * LOCUS_CELL_M
+    y_m = y_m - LOCUS_WIDTH_M / 2.0
+    xs, ys = np.maximum(x_m, 1e-3) / 5.0, y_m / 5.0  # at the origin itself there is nothing
     decay = np.exp(-50000.0 * (ys**2 + 0.15**2) / (4.0 * 1000.0 * xs))
     grid = np.asarray(2.0 / (2.0 * np.pi * 1000.0 * xs) * decay, dtype=np.float64)
     if perturbed:
@@ -79,10 +81,11 @@ def locus_grid(perturbed: bool) -> FloatArray:
     return grid
 
 
-def locus_grid_source_m(grid: FloatArray) -> tuple[float, float]:
-    """Centre of the strongest cell, metres downwind and crosswind of the plume's origin."""
+def locus_grid_source_m(grid: FloatArray, centred: bool = True) -> tuple[float, float]:
+    """The point of the strongest cell, metres downwind and crosswind of the plume's origin."""
     row, column = np.unravel_index(int(np.argmax(grid)), grid.shape)
-    return (int(row) + 0.5) * LOCUS_CELL_M, (int(column) + 0.5) * LOCUS_CELL_M - LOCUS_WIDTH_M / 2.0
+    row_m, column_m = (int(row) + 0.5 * centred) * LOCUS_CELL_M, (int(column) + 0.5 * centred) * LOCUS_CELL_M
+    return row_m, column_m - LOCUS_WIDTH_M / 2.0
 
 
 def locus_grid_value(grid: FloatArray, downwind_m: float, crosswind_m: float) -> float:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import msgspec
 
 from simvehicle.experiments.experiment import Experiment, Options
-from simvehicle.trials.cell import Cell, FailureKind, PlumeKind
+from simvehicle.trials.cell import GRIDS, Cell, FailureKind, PlumeKind
 from simvehicle.trials.trials_error import TrialsError
 
+ALONE = ("mobs", "mobs-authors")
+"""Strategies without a formation that could be healed."""
 _TITLES = {
     "locus-1": "Time to contact and to max flux",
     "locus-2": "Time to contact and to max flux",
@@ -57,7 +59,7 @@ def define(name: str, options: Options) -> Experiment:
         sizes = options.sizes or (tuple(range(2, 21)) if options.full else (5, 10, 20))
         for plume in plumes:
             cells += [
-                msgspec.structs.replace(base, strategy=strategy, drones=size, plume=plume)
+                msgspec.structs.replace(_flown(base, strategy, plume), drones=size)
                 for strategy in options.strategies
                 for size in sizes
             ]
@@ -72,18 +74,15 @@ def define(name: str, options: Options) -> Experiment:
         for plume in plumes:
             for size in options.sizes or (20,):
                 for strategy in options.strategies:
-                    for healing in (False,) if strategy == "mobs" else (True, False):
-                        cells += [
-                            msgspec.structs.replace(
-                                base,
-                                strategy=strategy,
-                                drones=size,
-                                plume=plume,
-                                healing=healing,
-                                failure_rate=rate,
-                            )
-                            for rate in rates
-                        ]
+                    flown = msgspec.structs.replace(_flown(base, strategy, plume), drones=size)
+                    lines = [flown] if strategy not in ALONE else []
+                    lines += [
+                        msgspec.structs.replace(flown, healing=False, unhealed=unhealed)
+                        for unhealed in (options.unhealed if strategy not in ALONE else ("reached",))
+                    ]
+                    cells += [
+                        msgspec.structs.replace(line, failure_rate=rate) for line in lines for rate in rates
+                    ]
     for cell in cells:
         problems = cell.problems()
         if problems:
@@ -91,6 +90,18 @@ def define(name: str, options: Options) -> Experiment:
     if not cells:
         raise TrialsError(f"{name}: nothing to run")
     return Experiment(name, _TITLES[name], _once(cells), _once(compared), trials)
+
+
+def _flown(base: Cell, strategy: str, plume: PlumeKind) -> Cell:
+    """`mobs-authors` is flown with its program's cells and goal, the others with exact ones."""
+    cut = strategy == "mobs-authors"
+    return msgspec.structs.replace(
+        base,
+        strategy=strategy,
+        plume=plume,
+        cut_cells=base.cut_cells or (cut and plume in GRIDS),
+        cut_goal=base.cut_goal or cut,
+    )
 
 
 def _once(cells: list[Cell]) -> tuple[Cell, ...]:

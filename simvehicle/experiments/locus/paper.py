@@ -16,7 +16,7 @@ def draw(experiment: Experiment, summaries: list[Summary], title: str) -> Figure
     """Figure 7 for failure rates, figure 6 for swarm sizes."""
     from simvehicle.experiments.locus import figures
 
-    return (figures.rates if experiment.by_rate else figures.bars)(summaries, title)
+    return (figures.rates if experiment.by_rate else figures.sizes)(summaries, title)
 
 
 LOCUS = Paper(NAMES, define, judge, draw)

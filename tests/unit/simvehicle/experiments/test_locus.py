@@ -39,6 +39,39 @@ def test_what_is_named_twice_is_run_once() -> None:
     assert define("locus-3", Options(rates=(1e-4, 1e-4))) == define("locus-3", Options(rates=(1e-4,)))
 
 
+def test_the_experiments_fly_as_the_paper_did_and_both_readings_of_no_healing() -> None:
+    options = Options(rates=(1e-4,), strategies=("locus", "mobs-authors"), plumes=("smooth", "gusty"))
+    options = msgspec.structs.replace(options, unhealed=("reached", "nobody"))
+    cells = define("locus-3", options).cells
+    assert {cell.motion for cell in cells} == {"paper"}
+    smooth = [cell for cell in cells if cell.plume == "smooth"]
+    assert [(c.strategy, c.healing, c.unhealed) for c in smooth] == [
+        ("locus", True, "reached"),
+        ("locus", False, "reached"),
+        ("locus", False, "nobody"),
+        ("mobs-authors", False, "reached"),
+    ]
+    assert [(c.cut_cells, c.cut_goal) for c in smooth] == [(False, False)] * 3 + [(True, True)]
+    assert not any(cell.cut_cells for cell in cells if cell.plume == "gusty"), "it has no cells"
+
+
+def test_of_many_sizes_one_verdict_tells_where_a_claim_holds() -> None:
+    experiment = define("locus-2", Options(sizes=tuple(range(2, 10)), trials=30))
+    rng = np.random.default_rng(2)
+    rows = []
+    for cell in (*experiment.cells, *experiment.compared):
+        scatter = 500.0 if (cell.strategy == "mobs") == (cell.drones != 7) else 50.0
+        times = 1000.0 + scatter * rng.uniform(-1.0, 1.0, 30)
+        rows.append(made_rows(cell, times - 100.0, times))
+    verdicts = {one.claim: one for one in judge(experiment, pd.concat(rows))}
+    claim = "LoCUS' deviation of the time to max flux is below MoBS'"
+    assert verdicts[f"5 drones: {claim}"].verdict == "holds"
+    assert f"7 drones: {claim}" not in verdicts
+    every = verdicts[f"2 to 9 drones: {claim} at every size"]
+    assert every.verdict == "does not hold"
+    assert every.statistic == "holds at 2, 3, 4, 5, 6, 8, 9; does not hold at 7"
+
+
 @pytest.mark.parametrize(
     ("name", "options", "words"),
     [

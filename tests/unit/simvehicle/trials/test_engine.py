@@ -47,10 +47,22 @@ SAME = [
     cell(strategy="mobs", plume="perturbed", drones=2),
     cell(strategy="mobs", failure="generic", failure_rate=1e-4),
     cell(strategy="mobs", failure="in-plume", failure_rate=1e-2),
+    cell(motion="paper"),
+    cell(motion="paper", plume="perturbed", drones=7, arena_m=90.0),
+    cell(motion="paper", failure="generic", failure_rate=1e-3, drones=9),
+    cell(motion="paper", failure="in-plume", failure_rate=5e-3, drones=8, healing=False, unhealed="nobody"),
+    cell(failure="generic", failure_rate=5e-5, drones=6, healing=False, unhealed="nobody"),
+    cell(motion="paper", strategy="mobs", failure="in-plume", failure_rate=1e-2),
+    cell(strategy="mobs-authors"),
+    cell(strategy="mobs-authors", motion="paper", plume="perturbed", drones=2),
+    cell(strategy="mobs-authors", motion="paper", cut_cells=True, cut_goal=True, plume="perturbed"),
+    cell(strategy="mobs-authors", cut_cells=True, failure="in-plume", failure_rate=1e-2),
+    cell(strategy="mobs-authors", cut_goal=True, failure="generic", failure_rate=1e-4),
+    cell(motion="paper", cut_cells=True, cut_goal=True),
 ]
 
 
-@pytest.mark.parametrize("which", range(len(SAME)), ids=[one.label() for one in SAME])
+@pytest.mark.parametrize("which", range(len(SAME)), ids=[f"{one.motion} {one.label()}" for one in SAME])
 def test_the_same_luck_gives_the_same_trial(which: int) -> None:
     one = SAME[which]
     rows = run_cell(one, seed=5, first=0, count=4)

@@ -39,7 +39,16 @@ from mission.strategies.registry import make
 from mission.strategies.spokes import GOLDEN
 from simvehicle.trials import randomness
 from simvehicle.trials.cell import Cell
-from simvehicle.trials.flight import LEG_DRONE, LEG_ROW, LEG_START, LEG_X, LEG_Y, LIMIT_FACTOR, read_at
+from simvehicle.trials.flight import (
+    LEG_DRONE,
+    LEG_ROW,
+    LEG_START,
+    LEG_TICKS,
+    LEG_X,
+    LEG_Y,
+    LIMIT_FACTOR,
+    read_at,
+)
 from simvehicle.trials.motion import ROW, TICKS_PER_S, X, Y
 from simvehicle.trials.outcome import RecordedTrial, record_trial
 
@@ -215,7 +224,7 @@ def test_locus(trial: int) -> None:
     assert len(stages) > 20
 
 
-@pytest.mark.parametrize("trial", [0, 1])
+@pytest.mark.parametrize("trial", [0, 2])
 def test_mobs(trial: int) -> None:
     cell = Cell(strategy="mobs", drones=4, arena_m=30.0)
     recorded = _recorded(cell, trial)
@@ -242,6 +251,46 @@ def test_mobs(trial: int) -> None:
             np.testing.assert_allclose(_clamped(cell, _targets([decision]))[0], expected, atol=1e-9)
             moths += bool(_read_at(recorded.setup.scene, rows[drone], tick) > 0.0)
     assert moths > 5
+
+
+@pytest.mark.parametrize("trial", [0, 1])
+def test_mobs_authors(trial: int) -> None:
+    """The agent's object is stepped at the ticks of the trial's legs, and in the ticks of waiting between."""
+    cell = Cell(strategy="mobs-authors", drones=4, arena_m=30.0)
+    recorded = _recorded(cell, trial)
+    drones = Drones(cell, recorded, radius_m=cell.arena_m, step_m=1.0, settle_s=0.0, **PAPER)
+    order = Order(2, Stage.SEARCH, (0.0, 0.0, HEIGHT_M), 0.0, apart=True)
+    stops = moves = 0
+    for drone in drones.members:
+        legs = recorded.legs[recorded.legs[:, LEG_DRONE] == drone]
+        chance = Chance(trial, randomness.OWN + drone)
+        chance.one = (chance.draw() - (drone + 1) / GOLDEN) % 1.0  # the strategy adds its number
+        rows = np.zeros((cell.drones, ROW))
+        turned = waited = False
+        elapsed_s = 0.0
+        for before, leg in itertools.pairwise(legs):
+            rows[drone] = leg[LEG_ROW : LEG_ROW + ROW]
+            tick = int(leg[LEG_START])
+            contact = _read_at(recorded.setup.scene, rows[drone], tick) > 0.0
+            # A moth decides a tick after it stopped or arrived: the second leg to one target begins.
+            same = bool((before[[LEG_X, LEG_Y]] == leg[[LEG_X, LEG_Y]]).all())
+            if turned and not waited and before[LEG_TICKS] == 1:
+                chance.two = np.array([chance.draw(), chance.draw()])
+            waited = turned and not waited and before[LEG_TICKS] == 1
+            for _ in range(max(int(before[LEG_TICKS]), 1) if before[LEG_TICKS] <= 4 else 1):
+                elapsed_s += 1.0
+                seen = drones._seen(drone, rows, tick, order, {})
+                decision = drones.strategies[drone].decide(
+                    msgspec.structs.replace(seen, elapsed_s=elapsed_s),
+                    chance,  # type: ignore[arg-type]
+                )
+            stops += contact and not turned
+            moves += not same
+            turned = turned or contact
+            expected = [leg[LEG_X], leg[LEG_Y]]
+            np.testing.assert_allclose(_clamped(cell, _targets([decision]))[0], expected, atol=1e-9)
+    assert stops > 0
+    assert moves > 100
 
 
 @pytest.mark.parametrize("trial", [0, 2])

@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 
@@ -18,6 +18,13 @@ from mission.geometry.formation import rotated
 from mission.strategies.locus.gradient import plane_gradient, waypoint_uphill
 from mission.strategies.locus.spiral import arm_spacing_m, spiral_point
 from mission.strategies.mobs import STATE_SIZE, mobs_begin, mobs_next
+from mission.strategies.mobs_authors import (
+    AUTHORS_STATE_SIZE,
+    DECISION,
+    PHASE,
+    mobs_authors_begin,
+    mobs_authors_next,
+)
 from mission.tree.balanced_tree import next_heal, next_rebalance
 from simvehicle.trials import randomness as luck
 from simvehicle.trials.cell import Cell
@@ -27,29 +34,37 @@ STEP, P, D, CLAMP = 0.00625, 20.0, 10.0, 1000.0
 INSIDE_M = 0.1
 
 
-def authors_places(count: int) -> list[tuple[float, float]]:
-    """Origin of the plume in the authors' trials with seeds 0, 1, ... at an arena radius of 100 m.
+def _c_rand(seed: int) -> Iterator[int]:
+    """The C library's rand() after srand(seed): GNU's additive feedback generator, the same on every machine."""
+    state = [seed or 1]
+    for _ in range(30):
+        state.append(16807 * state[-1] % (2**31 - 1))
+    state += state[:3]
+    for _ in range(310):
+        state.append((state[-31] + state[-3]) % 2**32)
+    while True:
+        state.append((state[-31] + state[-3]) % 2**32)
+        yield state[-1] >> 1
 
-    Their program draws it in decimetres from the C library's rand(): GNU's additive feedback generator, which is the
-    same on every machine.
+
+def authors_trial(seed: int, drones: int = 0) -> tuple[tuple[float, float], list[float]]:
+    """Origin of the plume and bearings of the drones' first spokes in the authors' trial of a seed.
+
+    At an arena radius of 100 m. Their program draws the place in decimetres, then an angle for every drone, from
+    which the first spoke is one golden angle on.
     """
-    found = []
-    for seed in range(count):
-        state = [seed or 1]
-        for _ in range(30):
-            state.append(16807 * state[-1] % (2**31 - 1))
-        state += state[:3]
-        for _ in range(310):
-            state.append((state[-31] + state[-3]) % 2**32)
-        while True:
-            drawn = []
-            for _ in range(2):
-                state.append((state[-31] + state[-3]) % 2**32)
-                drawn.append(1000 - (state[-1] >> 1) % 2000)
-            if math.hypot(*drawn) <= 1000.0:
-                break
-        found.append((drawn[0] / 10.0, drawn[1] / 10.0))
-    return found
+    rand = _c_rand(seed)
+    while True:
+        place = [1000 - next(rand) % 2000 for _ in range(2)]
+        if math.hypot(*place) <= 1000.0:
+            break
+    angles = [math.tau * next(rand) / (2**31 - 1) for _ in range(drones)]
+    return (place[0] / 10.0, place[1] / 10.0), [angle + math.tau / 1.6180339887 for angle in angles]
+
+
+def authors_places(count: int) -> list[tuple[float, float]]:
+    """Origin of the plume in the authors' trials with seeds 0, 1, ..."""
+    return [authors_trial(seed)[0] for seed in range(count)]
 
 
 class TrialOver(Exception):  # noqa: N818 (not an error)
@@ -64,12 +79,13 @@ class Axis:
     before: float = 0.0
     target: float = 0.0
 
-    def tick(self) -> None:
-        self.x += self.v * STEP
-        self.v += self.a * STEP
-        error = self.target - self.x
-        self.a = min(max(P * error + D * (error - self.before) / STEP, -CLAMP), CLAMP)
-        self.before = error
+    def tick(self, updates: int) -> None:
+        for _ in range(updates):
+            self.x += self.v * STEP
+            self.v += self.a * STEP
+            error = self.target - self.x
+            self.a = min(max(P * error + D * (error - self.before) / STEP, -CLAMP), CLAMP)
+            self.before = error
 
 
 class SharedLuck:
@@ -118,7 +134,7 @@ class OwnLuck:
 
 
 class Trial:
-    """One trial of LoCUS or MoBS with motion `pd`; run it with `run`."""
+    """One trial of LoCUS or MoBS with motion `pd` or `paper`; run it with `run`."""
 
     def __init__(self, cell: Cell, chance: SharedLuck | OwnLuck) -> None:
         self.cell = cell
@@ -127,18 +143,25 @@ class Trial:
         self.contact: int | None = None
         self.success: int | None = None
         self.heals = self.moves = 0
-        self.grid = locus_grid(cell.plume == "perturbed")
+        self.updates = {"pd": 1, "paper": 10}[cell.motion]
+        self.grid = locus_grid(cell.plume == "perturbed", not cell.cut_cells)
         world = chance.draws(luck.WORLD)
         while True:
             north, east = (cell.arena_m * (2.0 * world() - 1.0) for _ in range(2))
             if math.hypot(north, east) <= cell.arena_m:
                 break
+        if cell.cut_cells:
+            north, east = math.trunc(10.0 * north) / 10.0, math.trunc(10.0 * east) / 10.0
         self.origin = (north, east)
         row, column = np.unravel_index(int(np.argmax(self.grid)), self.grid.shape)
+        middle = 0.0 if cell.cut_cells else 0.5
         self.source = (
-            north + (float(row) + 0.5) * LOCUS_CELL_M,
-            east + (float(column) + 0.5) * LOCUS_CELL_M - LOCUS_WIDTH_M / 2.0,
+            north + (float(row) + middle) * LOCUS_CELL_M,
+            east + (float(column) + middle) * LOCUS_CELL_M - LOCUS_WIDTH_M / 2.0,
         )
+        if cell.cut_goal:
+            goal = [math.trunc(round(10.0 * place) / 10.0) for place in self.source]
+            self.source = (float(goal[0]), float(goal[1]))
         self.places: list[tuple[Axis, Axis]] = []
         for i in range(cell.drones):
             start = chance.draws(luck.START + i)
@@ -147,8 +170,17 @@ class Trial:
 
     def read(self, drone: int) -> float:
         north, east = self.places[drone]
+        if self.cell.cut_cells:
+            return self.read_cut(north.x, east.x)
         row = math.floor((north.x - self.origin[0]) / LOCUS_CELL_M)
         column = math.floor((east.x - self.origin[1] + LOCUS_WIDTH_M / 2.0) / LOCUS_CELL_M)
+        if 0 <= row < self.grid.shape[0] and 0 <= column < self.grid.shape[1]:
+            return float(self.grid[row, column])
+        return 0.0
+
+    def read_cut(self, north: float, east: float) -> float:
+        row = math.trunc(10.0 * north) - round(10.0 * self.origin[0])
+        column = math.trunc(10.0 * east) - round(10.0 * self.origin[1]) + 200
         if 0 <= row < self.grid.shape[0] and 0 <= column < self.grid.shape[1]:
             return float(self.grid[row, column])
         return 0.0
@@ -166,8 +198,8 @@ class Trial:
         for drone, (north, east) in enumerate(self.places):
             if not self.alive[drone]:
                 continue
-            north.tick()
-            east.tick()
+            north.tick(self.updates)
+            east.tick(self.updates)
             value = self.read(drone)
             if self.luck.fails(drone, self.tick, value):
                 self.alive[drone] = False
@@ -195,7 +227,7 @@ class Trial:
 
     def run(self) -> Trial:
         with contextlib.suppress(TrialOver):
-            self.mobs() if self.cell.strategy == "mobs" else self.locus()
+            {"mobs": self.mobs, "mobs-authors": self.mobs_authors, "locus": self.locus}[self.cell.strategy]()
         return self
 
     def mobs(self) -> None:
@@ -216,6 +248,34 @@ class Trial:
                     )
                     self.aim(drone, *target)
 
+    def mobs_authors(self) -> None:
+        """By the rule of every tick, and a draw where it decides."""
+        cell = self.cell
+        states, draws = [], []
+        for drone in range(cell.drones):
+            draws.append(self.luck.draws(luck.OWN + drone))
+            states.append(np.zeros(AUTHORS_STATE_SIZE))
+            mobs_authors_begin(states[drone], 2.0 * math.pi * draws[drone]())
+            self.aim(drone, 0.0, 0.0)
+        while True:
+            self.one_tick()
+            for drone, (north, east) in enumerate(self.places):
+                if self.alive[drone]:
+                    decides = states[drone][PHASE] == DECISION
+                    pair = [draws[drone]() if decides else 0.0 for _ in range(2)]
+                    target = mobs_authors_next(
+                        states[drone],
+                        1,
+                        north.x,
+                        east.x,
+                        self.read(drone),
+                        self.inside(drone),
+                        cell.arena_m,
+                        1.0,
+                        *pair,
+                    )
+                    self.aim(drone, *target)
+
     def locus(self) -> None:  # noqa: C901 (the whole algorithm on one page)
         cell = self.cell
         draws = self.luck.draws(luck.DECISIONS)
@@ -231,7 +291,7 @@ class Trial:
         climb = Axis(0.0, target=cell.r_min_m)
         climb_ticks = 0
         while climb_ticks == 0 or abs(climb.target - climb.x) >= INSIDE_M:
-            climb.tick()
+            climb.tick(self.updates)
             climb_ticks += 1
 
         def aim(drone: int, slot: int) -> None:
@@ -275,7 +335,8 @@ class Trial:
                 for slot in range(cell.drones):
                     if self.alive[slot] and (slot == 0 or table.parent[slot] in reached):
                         reached.append(slot)
-                members = reached
+                lost = len(reached) < cell.drones
+                members = [] if lost and cell.unhealed == "nobody" else reached
             if not members:
                 raise TrialOver
             window = window[-len(members) :]
