@@ -54,7 +54,8 @@ class Ask(enum.Enum):
 
 
 DESCENTS = {Phase.LANDING: Ask.LAND, Phase.RTL: Ask.RETURN, Phase.CRASHED: Ask.LAND}
-"""How the autopilot is asked to bring the drone down; the motors of a wreck stop when it takes itself for landed."""
+"""How the autopilot is asked to bring the drone down. A wreck's motors stop when the autopilot takes it for landed,
+which may be long after; and what was no wreck lands."""
 
 
 class VehicleFacts(msgspec.Struct, frozen=True):
@@ -117,6 +118,8 @@ class FlightPhase:
         self._control_since_s: float | None = None
         """When we last asked for control; None once we had it. Losing it then means that somebody took it."""
         self._down_since_s: float | None = None
+        self._had_crashed_with_pilot = False
+        self._wreck_was_disarmed = False
         self._answered: dict[str, CommandOutcome] = {}
         self._notes: list[Note] = []
         self._outcomes: list[CommandOutcome] = []
@@ -246,6 +249,7 @@ class FlightPhase:
 
     def _advance(self, now_s: float, vehicle: VehicleFacts, swarm: SwarmFacts) -> None:
         if vehicle.crash and self.phase in IN_THE_AIR | {Phase.LANDED}:
+            self._had_crashed_with_pilot, self._wreck_was_disarmed = self.phase is Phase.PILOT, False
             self._happen(now_s, FlightEvent.CRASHED, vehicle.crash, Severity.CRITICAL, "crash")
         elif self._lost_control(now_s, vehicle):
             self._happen(now_s, FlightEvent.CONTROL_LOST, None)
@@ -262,8 +266,7 @@ class FlightPhase:
                 if not vehicle.armed and not vehicle.airborne:
                     self._happen(now_s, FlightEvent.DOWN, "on the ground, disarmed")
             case Phase.CRASHED:
-                if vehicle.armed and not vehicle.crash:
-                    self._happen(now_s, FlightEvent.CONTROL_LOST, "somebody has armed it again")
+                self._crashed(now_s, vehicle)
         if self.phase in TAKING_PART - {Phase.ARMING, Phase.TAKEOFF}:
             self._follow_the_swarm(now_s, swarm)
             self._notice_the_ground(now_s, vehicle)
@@ -306,6 +309,17 @@ class FlightPhase:
         elif swarm.stuck:
             why = "the way home is blocked: landing here"
             self._happen(now_s, FlightEvent.BLOCKED, why, Severity.WARNING, "blocked")
+
+    def _crashed(self, now_s: float, vehicle: VehicleFacts) -> None:
+        self._wreck_was_disarmed |= not vehicle.armed
+        if not vehicle.armed or vehicle.crash:
+            return
+        if self._wreck_was_disarmed:
+            self._happen(now_s, FlightEvent.CONTROL_LOST, "somebody has armed it again")
+            return
+        event = FlightEvent.CONTROL_LOST if self._had_crashed_with_pilot else FlightEvent.FLIES
+        why = "it did not crash, it flies on, out of the survey: rtl brings it home"
+        self._happen(now_s, event, why, Severity.CRITICAL, "crash")
 
     def _follow_the_swarm(self, now_s: float, swarm: SwarmFacts) -> None:
         stage = swarm.order.stage if swarm.order else None

@@ -37,6 +37,8 @@ REBOOT_S: Final = 5.0
 """The autopilot's clock going back by more than this is a restart, by less a late message."""
 FALLS_FOR_S: Final = 20.0
 """A vehicle that was disarmed in the air has come down by then."""
+WRECK_BELOW_M: Final = 5.0
+"""Over home: an armed wreck that seems to lie higher may be none."""
 FLYING_ABOVE_HOME_M: Final = 1.0
 """Without a landed state, an armed vehicle above this is taken to fly (until it disarms)."""
 
@@ -228,15 +230,20 @@ class VehicleState:
             velocity_ned_mps = (fields.vx * 0.01, fields.vy * 0.01, fields.vz * 0.01)
             landing = self.in_mode(Duty.LAND) or self.in_mode(Duty.RETURN)
             self._crash.moved(
-                now_s, velocity_ned_mps, fields.alt * 1e-3, fields.relative_alt * 1e-3, landing=landing
+                fields.time_boot_ms * 1e-3,
+                velocity_ned_mps,
+                fields.alt * 1e-3,
+                fields.relative_alt * 1e-3,
+                landing=landing,
+                armed=self.armed,
             )
 
-    def _attitude(self, now_s: float, fields: Any) -> None:
+    def _attitude(self, _now_s: float, fields: Any) -> None:
         attitude_rad = (fields.roll, fields.pitch, fields.yaw)
         if all(map(math.isfinite, attitude_rad)):
             self.attitude_rad = attitude_rad
             if self.armed:
-                self._crash.leaned(now_s, fields.roll, fields.pitch)
+                self._crash.leaned(fields.time_boot_ms * 1e-3, fields.roll, fields.pitch)
 
     def _home_position(self, _now_s: float, fields: Any) -> None:
         if fields.latitude == 0 and fields.longitude == 0:
@@ -333,7 +340,7 @@ class VehicleState:
 
     @property
     def crash(self) -> str:
-        """How it crashed since it was armed, "" if it did not."""
+        """How it crashed since it was armed, "" if it did not, or if it flew on."""
         return self._crash.reason
 
     def believe_crashed(self, how: str) -> None:
@@ -362,10 +369,13 @@ class VehicleState:
         """Whether it is in the air: as it says itself, else by its height; None: it is armed and nothing tells.
 
         A vehicle that has been high stays in the air until it is disarmed: low over ground that rises is not landed.
-        A wreck does not fly, whatever its autopilot says.
+        A wreck does not fly, whatever its autopilot says. One that is armed and not near the height of home is kept
+        clear of all the same: it may be none, and there nobody has to pass.
         """
-        if not self.armed or self.crash:
+        if not self.armed:
             return False
+        if self.crash:
+            return (self.above_home_m or 0.0) > WRECK_BELOW_M
         if (
             self.landed_state != mavlink.MAV_LANDED_STATE_UNDEFINED
             and self.message_age_s(now_s, mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE) < FRESH_S

@@ -325,6 +325,23 @@ def test_a_wreck_that_somebody_arms_again_is_the_pilots() -> None:
     assert "armed it again" in step.notes[0].text
 
 
+@pytest.mark.parametrize(
+    ("phase", "after"),
+    [(Phase.SEARCHING, Phase.LANDING), (Phase.TAKEOFF, Phase.LANDING), (Phase.PILOT, Phase.PILOT)],
+)
+def test_what_was_taken_for_a_wreck_and_flies_on_lands_or_is_the_pilots(phase: Phase, after: Phase) -> None:
+    flight = Flight().to(Phase.SEARCHING if phase is Phase.PILOT else phase)
+    lands = msgspec.structs.replace(UP, ours=False, mode="LAND")
+    if phase is Phase.PILOT:
+        assert flight.step(lands).phase is Phase.PILOT
+    flight.step(FALLEN)
+    step = flight.step(lands)
+    assert (step.phase, step.asks) == (after, ())
+    assert [(n.severity, n.code) for n in step.notes] == [(Severity.CRITICAL, "crash")]
+    assert "it did not crash, it flies on" in step.notes[0].text
+    assert flight.step(lands, ALONE, flight.command(CommandName.RTL)).phase is Phase.RTL
+
+
 def test_a_wreck_starts_again_when_its_autopilot_was_restarted() -> None:
     flight = Flight().to(Phase.SEARCHING)
     flight.step(FALLEN)

@@ -43,6 +43,7 @@ takeoff_failed    -   -  lnd  -   -   -   -   -   -   -   -   -   -
 control_lost      -   -  plt plt plt plt plt plt  -   -   -   -  plt
 down              -   -  dwn dwn dwn dwn dwn dwn dwn dwn dwn  -   -
 crashed           -   -  crs crs crs crs crs crs crs crs crs crs  -
+flies             -   -   -   -   -   -   -   -   -   -   -   -  lnd
 search            -   -   -  sea  -  sea  -   -   -   -   -   -   -
 track             -   -   -  trk trk  -   -   -   -   -   -   -   -
 go_home           -   -   -  ret ret ret ret  -   -   -   -   -   -
