@@ -12,10 +12,11 @@ from collections.abc import Sequence
 
 import msgspec
 
+from flightstack.flight.facts import SwarmFacts, VehicleFacts
 from flightstack.flight.transitions import IN_THE_AIR, STEERING, TRANSITIONS, FlightEvent, following
 from flightstack.swarm.news import Note
 from flightstack.swarm.wire import TAKING_PART, Command, CommandName, CommandOutcome, Phase, Result, Severity
-from mission.strategies.contract import Order, Stage
+from mission.strategies.contract import Stage
 
 DOWN_S = 3.0
 """How long a vehicle in formation may seem disarmed before it counts as down: heartbeats come once a second."""
@@ -58,46 +59,6 @@ DESCENTS = {Phase.LANDING: Ask.LAND, Phase.RTL: Ask.RETURN, Phase.CRASHED: Ask.L
 which may be long after; and what was no wreck lands."""
 
 
-class VehicleFacts(msgspec.Struct, frozen=True):
-    """What the phase needs to know of the vehicle, from the autopilot's own reports."""
-
-    connected: bool
-    problem: str
-    """Why the newest request to the autopilot failed for good, empty otherwise."""
-    armed: bool
-    airborne: bool
-    ours: bool
-    """The autopilot is in the mode in which it follows our setpoints."""
-    mode: str
-    taken_reason: str
-    """How authority was lost, as the session saw it; empty while it was not."""
-    at_takeoff_altitude: bool
-    failsafe: bool = False
-    """Authority was lost to a failsafe of the autopilot, not to a person."""
-    crash: str = ""
-    """How and where it crashed since it was armed; empty if it did not."""
-
-
-class SwarmFacts(msgspec.Struct, frozen=True):
-    """What the phase needs to know of the swarm and of the drone's own place in it."""
-
-    order: Order | None
-    member: bool
-    """The tree still counts this drone in."""
-    formed_up: bool
-    """In its slot, or as near to it as it gets."""
-    over_home: bool
-    """Above its own home and low enough for the autopilot's landing."""
-    stuck: bool
-    """Returning, and no nearer to home for long: something is in the way that does not move."""
-    shut_out: bool
-    """The others fly a survey that does not count this drone in."""
-    must_return: str
-    """Why this drone cannot go on (battery, sensor, ground station lost), empty if it can."""
-    has_twin: bool = False
-    """Another agent says, now, that it is this drone."""
-
-
 class PhaseStep(msgspec.Struct, frozen=True):
     phase: Phase
     asks: tuple[Ask, ...]
@@ -117,6 +78,8 @@ class FlightPhase:
         self._control_timeout_s = control_timeout_s
         self._control_since_s: float | None = None
         """When we last asked for control; None once we had it. Losing it then means that somebody took it."""
+        self._taken_before = ""
+        """How authority had been lost when we asked; a text may add to it later."""
         self._down_since_s: float | None = None
         self._had_crashed_with_pilot = False
         self._wreck_was_disarmed = False
@@ -147,6 +110,8 @@ class FlightPhase:
             if command.target in (0, self._drone):
                 self._answer(now_s, command, vehicle, swarm)
         self._advance(now_s, vehicle, swarm)
+        if vehicle.ours:
+            self._control_since_s = None  # there is nothing to wait for: whoever takes it now wants it
         return self.stay(vehicle)
 
     def stay(self, vehicle: VehicleFacts) -> PhaseStep:
@@ -232,6 +197,7 @@ class FlightPhase:
 
     def _obey(self, now_s: float, name: CommandName, vehicle: VehicleFacts) -> None:
         why = WHY[name]
+        self._taken_before = vehicle.taken_reason
         if name in DOWNWARDS:
             if self.phase is Phase.ARMING:
                 self._prompt = Ask.DISARM if vehicle.armed else None
@@ -357,8 +323,10 @@ class FlightPhase:
         if vehicle.ours:
             self._control_since_s = None
             return False
-        asked_s = self._control_since_s
-        return asked_s is None or now_s - asked_s > self._control_timeout_s
+        asked_s, before, now = self._control_since_s, self._taken_before, vehicle.taken_reason
+        # While we wait for our mode somebody may choose another: a pilot who says no.
+        taken_again = bool(now) and (not before or not now.startswith(before))
+        return asked_s is None or taken_again or now_s - asked_s > self._control_timeout_s
 
     def _asks(self, vehicle: VehicleFacts) -> tuple[Ask, ...]:
         if self._prompt is not None:

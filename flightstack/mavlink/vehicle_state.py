@@ -15,15 +15,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from flightstack.mavlink.codec import MavlinkMessage
 from flightstack.mavlink.crash import CrashWatch
 from flightstack.mavlink.dialect import CurrentEventSequenceMessage, EventMessage
-from flightstack.mavlink.leaps import LEAP_M, LeapFilter, apart_m
-from flightstack.mavlink.modes import (
-    COPTER_TYPES,
-    FLAVOURS,
-    Duty,
-    Flavour,
-    mode_name,
-    mode_of,
-)
+from flightstack.mavlink.leaps import HomeFilter, LeapFilter
+from flightstack.mavlink.modes import COPTER_TYPES, FLAVOURS, Duty, Flavour, mode_name, mode_of
 from flightstack.mavlink.px4_events import Px4Events
 from flightstack.mavlink.role import Role, role_of
 from flightstack.mavlink.statustext import StatusText, TextAssembler
@@ -119,7 +112,7 @@ class VehicleState:
         """How many of each kind came."""
         self.boot_ms: int | None = None
         self._leaps = LeapFilter()
-        self._other_home: Geodetic | None = None
+        self._homes = HomeFilter()
         self.landed_state = mavlink.MAV_LANDED_STATE_UNDEFINED
         self.estimator_flags: int | None = None
         self.prearm: bool | None = None
@@ -251,11 +244,8 @@ class VehicleState:
         latitude_deg, longitude_deg = fields.latitude * 1e-7, fields.longitude * 1e-7
         if abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0:
             home = Geodetic(latitude_deg, longitude_deg, fields.altitude * 1e-3)
-            if self.home is not None and home != self._other_home and apart_m(home, self.home) > LEAP_M:
-                self._other_home = home  # told a second time, it has moved
-                return
-            self.home, self._other_home = home, None
-            self._home_ned_m = None
+            if self._homes.believes(self.home, home):
+                self.home, self._home_ned_m = home, None
 
     def _extended_sys_state(self, _now_s: float, fields: Any) -> None:
         self.landed_state = fields.landed_state

@@ -8,7 +8,8 @@ from collections.abc import Iterator
 import msgspec
 import pytest
 
-from flightstack.flight.phase import FlightPhase, SwarmFacts, VehicleFacts
+from flightstack.flight.facts import SwarmFacts, VehicleFacts
+from flightstack.flight.phase import FlightPhase
 from flightstack.flight.transitions import (
     STEERING,
     TRANSITIONS,
