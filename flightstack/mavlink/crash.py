@@ -23,7 +23,9 @@ IMPACT_MPS2 = 10.0
 """Only the ground brakes a fall like that; a multirotor that catches itself has about half as much to spare."""
 ONSET_MPS2 = 15.0
 ONSET_SLACK_MPS = 1.0
-"""Nothing begins to fall faster than that: a velocity that does is another opinion of the estimator's."""
+"""Nothing begins to fall faster than that: a velocity that does is another opinion of the estimator's …"""
+GROWS_MPS = 3.0
+"""… unless it grows by so much from there, as that of a fall does."""
 SETTLES_WITHIN_S = 5.0
 """A wreck bounces and slides, and an estimator takes its time to believe in the end of the fall."""
 AT_REST_MPS = 0.5
@@ -56,7 +58,7 @@ class _Fall(msgspec.Struct):
     """When it was last seen to fall."""
     from_amsl_m: float | None
     """Where it was before, if that is known."""
-    jumped: bool
+    jumped_to_mps: float | None
     """It began at once, as only an estimate can."""
     impact: bool = False
     rest_since_s: float | None = None
@@ -117,7 +119,7 @@ class CrashWatch:
                 jumped = before is not None and down_mps - before[1] > ONSET_SLACK_MPS + ONSET_MPS2 * (
                     boot_s - before[0]
                 )
-                self._fall = _Fall(down_mps, down_mps, boot_s, self._amsl_m, jumped)
+                self._fall = _Fall(down_mps, down_mps, boot_s, self._amsl_m, down_mps if jumped else None)
             else:
                 fall.fastest_mps, fall.last_mps = max(down_mps, fall.fastest_mps), down_mps
                 fall.seen_s, fall.impact, fall.rest_since_s = boot_s, False, None
@@ -126,7 +128,8 @@ class CrashWatch:
             self._amsl_m = amsl_m
             return
         hit = down_mps < 1.0 and fall.last_mps - down_mps > IMPACT_MPS2 * (boot_s - fall.seen_s)
-        fall.impact |= hit and not fall.jumped
+        is_real = fall.jumped_to_mps is None or fall.fastest_mps - fall.jumped_to_mps >= GROWS_MPS
+        fall.impact |= hit and is_real
         if boot_s - fall.seen_s > SETTLES_WITHIN_S and fall.rest_since_s is None:
             self._fall = None
             return

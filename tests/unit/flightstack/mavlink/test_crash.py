@@ -234,3 +234,12 @@ def test_what_cannot_fly_stays_a_wreck_whatever_its_estimate_does(why: str) -> N
     for _ in range(100):
         vehicle.tell(1.0, 5.0)
     assert vehicle.watch.reason
+
+
+def test_a_fall_that_upsets_the_estimator_at_its_beginning_is_one_all_the_same() -> None:
+    vehicle = Faller(30.0)
+    vehicle.rest(2.0)
+    vehicle.tell(5.0)
+    speed_mps = vehicle.fall()
+    vehicle.rest(3.0)
+    assert vehicle.watch.reason == f"fell and hit the ground at {speed_mps:.1f} m/s"
