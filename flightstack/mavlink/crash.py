@@ -82,8 +82,8 @@ class CrashWatch:
 
     def __init__(self) -> None:
         self.reason = ""
-        self._final = False
-        """The autopilot says so itself."""
+        self.is_certain = False
+        """The autopilot says so itself: nothing takes it back."""
         self._fall: _Fall | None = None
         self._flight: _Flight | None = None
         self._turned_since_s: float | None = None
@@ -154,7 +154,7 @@ class CrashWatch:
         north_mps, east_mps, down_mps = velocity_ned_mps
         sign = math.copysign(1.0, down_mps) if abs(down_mps) >= FLIES_VERTICAL_MPS else 0.0
         travels = math.hypot(north_mps, east_mps) >= FLIES_LEVEL_MPS
-        if self._final or not armed or not self._is_level or not (sign or travels):
+        if self.is_certain or not armed or not self._is_level or not (sign or travels):
             self._flight = None
             return
         flight = self._flight
@@ -187,5 +187,5 @@ class CrashWatch:
         if _THRUST_LOSS.search(text):
             self._thrust_lost = text
         if _TEXT.search(text):
-            self._final = True
+            self.is_certain = True
             self.reason = self.reason or f'the autopilot says "{text}"'

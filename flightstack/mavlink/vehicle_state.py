@@ -359,13 +359,13 @@ class VehicleState:
         """Whether it is in the air: as it says itself, else by its height; None: it is armed and nothing tells.
 
         A vehicle that has been high stays in the air until it is disarmed: low over ground that rises is not landed.
-        A wreck does not fly, whatever its autopilot says. One that is armed and not near the height of home is kept
-        clear of all the same: it may be none, and there nobody has to pass.
+        A wreck does not fly, even if its autopilot says so. One that is armed, not near the height of home and none by
+        its autopilot's own account is kept clear of all the same: it may be none, and there nobody has to pass.
         """
         if not self.armed:
             return False
         if self.crash:
-            return (self.above_home_m or 0.0) > WRECK_BELOW_M
+            return not self._crash.is_certain and (self.above_home_m or 0.0) > WRECK_BELOW_M
         if (
             self.landed_state != mavlink.MAV_LANDED_STATE_UNDEFINED
             and self.message_age_s(now_s, mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE) < FRESH_S

@@ -341,6 +341,9 @@ def test_a_wreck_flies_no_more_unless_it_seems_to_lie_high_over_home() -> None:
     assert high.state.flies(1.0) is True
     high.heartbeat(1.0, armed=False)
     assert high.state.flies(1.0) is False
+    certain = crashed(20.0)
+    certain.say(1.0, mavlink.MAVLink_statustext_message(0, b"Crash: Disarming", 0, 0))
+    assert certain.state.flies(1.0) is False
 
 
 def test_what_was_taken_for_a_wreck_and_flies_on_is_none() -> None:
