@@ -359,8 +359,8 @@ class VehicleState:
         """Whether it is in the air: as it says itself, else by its height; None: it is armed and nothing tells.
 
         A vehicle that has been high stays in the air until it is disarmed: low over ground that rises is not landed.
-        A wreck does not fly, even if its autopilot says so. One that is armed, not near the height of home and none by
-        its autopilot's own account is kept clear of all the same: it may be none, and there nobody has to pass.
+        A wreck does not fly, even if its autopilot says so. One that is armed, high over home and no wreck by its
+        autopilot's own account is kept clear of all the same: it may be none, and nobody has to pass there.
         """
         if not self.armed:
             return False
