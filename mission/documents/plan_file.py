@@ -13,7 +13,7 @@ from mission.documents.json_text import json_object
 from mission.documents.kml_fence import parse_kml
 from mission.documents.qgc_plan import is_qgc, parse_plan, plan_of
 from mission.documents.qgc_text import plan_text
-from mission.documents.waypoint_text import parse_waypoints, waypoints_text
+from mission.documents.waypoint_text import is_waypoints, parse_waypoints, waypoints_text
 from mission.documents.yaml_file import DocumentError, read_text
 from mission.geometry.geofence import Geofence
 
@@ -55,7 +55,7 @@ def read_fence(path: str | pathlib.Path) -> tuple[Geofence, tuple[str, ...]]:
 def parse_any(text: str, file: str) -> Plan:
     """As `read_plan`, from the text of the file named `file`."""
     start = text.lstrip()
-    if start.startswith("QGC WPL"):
+    if is_waypoints(text):
         return parse_waypoints(text, file)
     if start.startswith("<"):
         return parse_kml(text, file)

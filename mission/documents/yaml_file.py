@@ -75,7 +75,9 @@ def read_text(path: str | pathlib.Path) -> str:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise DocumentError(str(path), "cannot be read: it is not UTF-8 text", line=line) from error
+        raise DocumentError(
+            str(path), "cannot be read: it is not UTF-8 text; save it as UTF-8", line=line
+        ) from error
     if "\0" in text:
         raise DocumentError(str(path), "cannot be read: there are zero bytes in it; it is no text")
     return text.replace("\r\n", "\n").replace("\r", "\n")
