@@ -142,6 +142,11 @@ def param_load(
             for done, change in enumerate(plan.changes):
                 try:
                     await vehicle.set_parameter(change.name, change.new)
+                except asyncio.CancelledError as error:
+                    left = len(plan.changes) - done
+                    raise VehicleError(
+                        f"drone {drone}: interrupted at {change.name}; {done} were written before, {left} may not be"
+                    ) from error
                 except VehicleError as error:
                     left = len(plan.changes) - done
                     raise VehicleError(f"{error}; {done} were written before it, {left} were not") from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import math
 import re
@@ -223,6 +224,11 @@ class Vehicle:
         what = KINDS[kind]
         try:
             await self._lists_of().upload(kind, items)
+        except asyncio.CancelledError as error:
+            raise VehicleError(
+                f"drone {self.drone}: interrupted while the {what} went up: it may hold a part of this file now; "
+                "upload it again or clear it before it flies"
+            ) from error
         except ListRefusedError as error:
             said = "; ".join(text.text for text in await self._warnings())
             at = "" if error.refused is None else f" at {self._named(kind, error.refused, items)}"
