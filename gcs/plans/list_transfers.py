@@ -50,10 +50,12 @@ _RESULTS: Final = {
 class ListRefusedError(VehicleError):
     """An autopilot that did not take a list."""
 
-    def __init__(self, problem: str, refused: Item | None) -> None:
-        """`refused`: the item that it asked for last, where that is known."""
+    def __init__(self, problem: str, refused: Item | None, *, answered: bool) -> None:
+        """`refused`: the item that it asked for last, where that is known; `answered`: it said no, and did not just
+        fall silent."""
         super().__init__(problem)
         self.refused = refused
+        self.answered = answered
 
 
 class _Watch:
@@ -124,7 +126,8 @@ class ListTransfers:
         except MavsdkError as error:
             refused = None if watch.asked is None else next((i for i in items if i.seq == watch.asked), None)
             reason = _reason(error) if watch.result is None else result_name(watch.result)
-            raise ListRefusedError(reason, refused if watch.result is not None else None) from error
+            answered = watch.result is not None
+            raise ListRefusedError(reason, refused if answered else None, answered=answered) from error
         finally:
             self._link.hears = None
 

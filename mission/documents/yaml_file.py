@@ -110,7 +110,10 @@ def _loaded(text: str, file: str) -> Any:
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or str(error).splitlines()[0]
-        raise DocumentError(file, problem, line=mark.line + 1 if mark else None) from error
+        line = mark.line + 1 if mark else None
+        if isinstance(error, yaml.reader.ReaderError):  # a character that YAML does not know
+            line = text.encode().count(b"\n", 0, error.position) + 1
+        raise DocumentError(file, problem, line=line) from error
 
 
 def fault_of(file: str, field: str, problem: str) -> DocumentError:

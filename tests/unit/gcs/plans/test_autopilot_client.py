@@ -221,6 +221,23 @@ def test_an_interrupted_upload_ends_and_says_what_it_leaves(
         ardupilot.run(interrupted)
 
 
+def test_a_vehicle_that_disappears_in_the_middle_is_no_refusal(
+    ardupilot: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = ardupilot.link.write
+
+    def until_the_first_item(data: bytes) -> None:
+        if "MISSION_ITEM_INT" not in ardupilot.link.kinds():
+            write(data)
+
+    monkeypatch.setattr(ardupilot.link, "write", until_the_first_item)
+    with pytest.raises(VehicleError) as error:
+        ardupilot.run(upload(Plan(items=ITEMS, home=WHOLE.home)))
+    assert str(error.value).startswith(
+        "drone 1: mission not sent: timeout; it may hold a part of this file now"
+    )
+
+
 def test_px4_refuses_by_a_text_after_it_has_accepted(px4: Session) -> None:
     px4.link.says_after["MISSION_ITEM_INT"] = "Geofence violation for waypoint 2\t"
     with pytest.raises(VehicleError) as error:
