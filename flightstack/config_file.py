@@ -58,7 +58,7 @@ def problems(config: DroneConfig) -> Iterator[tuple[str, str]]:
     yield from _plain_numbers(config)
     yield from limit_problems(limits)
     yield from formation_problems(formation)
-    yield from parameter_problems(config.autopilot, limits)
+    yield from parameter_problems(config.autopilot, limits, config.drone)
     yield from _altitudes(formation, limits, len(members))
     layout = make_layout(formation.layout, formation.spacing_m)
     for problem in layout.problems(len(members), limits.separation_m, formation.radio_range_m):

@@ -41,6 +41,8 @@ _NAME: Final = re.compile(r"[A-Za-z0-9_]{1,16}")
 _INT32: Final = range(-(1 << 31), 1 << 31)
 _RETURN_ALTITUDES: Final = {"RTL_ALT": 0.01, "RTL_ALT_M": 1.0, "RTL_RETURN_ALT": 1.0}
 """Metres a unit: ArduPilot's in cm and, since 4.7, in m; PX4's in m."""
+_NUMBERS: Final = ("SYSID_THISMAV", "MAV_SYSID", "MAV_SYS_ID")
+"""The vehicle's own number: ArduPilot's until and since 4.7, PX4's."""
 _LONGEST_NAME: Final = 40
 _INSTRUMENT_NAME: Final = re.compile(r"[A-Za-z0-9_.-]+")
 
@@ -88,7 +90,9 @@ def name_problems(config: DroneConfig) -> Iterator[tuple[str, str]]:
             yield field, f"{name!r}: a name is made of letters, digits, _, - and ."
 
 
-def parameter_problems(autopilot: AutopilotConfig, limits: LimitsConfig) -> Iterator[tuple[str, str]]:
+def parameter_problems(
+    autopilot: AutopilotConfig, limits: LimitsConfig, drone: int
+) -> Iterator[tuple[str, str]]:
     """Parameters that no autopilot has, values that do not arrive as they are written, ways home over the ceiling."""
     for name, value in autopilot.parameters.items():
         field = f"autopilot.parameters.{name}"
@@ -103,6 +107,11 @@ def parameter_problems(autopilot: AutopilotConfig, limits: LimitsConfig) -> Iter
         problem = _value_problem(autopilot.flavour, value)
         if problem:
             yield field, f"{name} {problem}"
+        if name in _NUMBERS and value != drone:
+            yield (
+                field,
+                f"{name} {value:g} would give drone {drone}'s autopilot the number of another; leave it out",
+            )
         above_home_m = value * _RETURN_ALTITUDES.get(name, 0.0)
         if above_home_m > limits.ceiling_above_home_m:
             yield (

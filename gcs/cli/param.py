@@ -85,6 +85,9 @@ def param_list(
         typer.echo(to_json({name: value.value for name, value in found.items()}))
     else:
         typer.echo(_lines(found), nl=False)
+    if not found:
+        typer.echo(f"drone {drone}: no parameter has {match!r} in its name", err=True)
+        raise typer.Exit(1)
 
 
 @app.command("save")
@@ -139,6 +142,11 @@ def param_load(
             for done, change in enumerate(plan.changes):
                 try:
                     await vehicle.set_parameter(change.name, change.new)
+                except asyncio.CancelledError as error:
+                    left = len(plan.changes) - done
+                    raise VehicleError(
+                        f"drone {drone}: interrupted at {change.name}; {done} were written before, {left} may not be"
+                    ) from error
                 except VehicleError as error:
                     left = len(plan.changes) - done
                     raise VehicleError(f"{error}; {done} were written before it, {left} were not") from error
@@ -154,6 +162,8 @@ def param_load(
         "unknown": plan.unknown,
         "read_only": plan.read_only,
         "identity": plan.identity,
+        "other_components": plan.other_components,
+        "other_vehicles": plan.other_vehicles,
     }
     text = f"drone {drone}: {written} of {len(wanted)} written and read back, {plan.same} were so already"
     say(facts, text, json=json)
@@ -169,9 +179,13 @@ def _show(plan: LoadPlan, file: pathlib.Path, *, quiet: bool) -> None:
     for names, why in (
         (plan.unknown, "unknown to this vehicle, not written (some appear once their group is enabled)"),
         (plan.read_only, "read-only, not written"),
+        (plan.other_components, "of other components than the autopilot, not written"),
     ):
         if names:
             typer.echo(f"{file}: {why}: {', '.join(names)}", err=True)
+    if plan.other_vehicles:
+        numbers = ", ".join(map(str, plan.other_vehicles))
+        typer.echo(f"{file}: warning: it was saved from drone {numbers}", err=True)
     for sentence in plan.identity:
         typer.echo(f"{file}: not written: {sentence}", err=True)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import math
 import re
@@ -223,12 +224,18 @@ class Vehicle:
         what = KINDS[kind]
         try:
             await self._lists_of().upload(kind, items)
+        except asyncio.CancelledError as error:
+            raise VehicleError(
+                f"drone {self.drone}: interrupted while the {what} went up: it may hold a part of this file now; "
+                "upload it again or clear it before it flies"
+            ) from error
         except ListRefusedError as error:
             said = "; ".join(text.text for text in await self._warnings())
             at = "" if error.refused is None else f" at {self._named(kind, error.refused, items)}"
             reason = f"{error} ({said})" if said else str(error)
             now = await self._holds_now(kind, items)
-            raise VehicleError(f"drone {self.drone}: {what} refused{at}: {reason}; {now}") from error
+            how = "refused" if error.answered else "not sent"
+            raise VehicleError(f"drone {self.drone}: {what} {how}{at}: {reason}; {now}") from error
         said_of_it = await self._warnings()
         if mission_follows:
             said_of_it = [text for text in said_of_it if not _ABOUT_MISSIONS.search(text.text)]
@@ -261,7 +268,11 @@ class Vehicle:
 
     async def _holds_now(self, kind: int, sent: Sequence[Item]) -> str:
         """What the vehicle has after an upload that it did not take, for a person."""
-        held, ours = await self._held(kind), sent[self._first(kind) :]
+        try:
+            held = await self._held(kind)
+        except VehicleError:
+            return "it may hold a part of this file now: upload it again or clear it before it flies"
+        ours = sent[self._first(kind) :]
         same = next((n for n, (a, b) in enumerate(zip(ours, held, strict=False)) if _differ(a, b)), None)
         if same is None:
             same = min(len(ours), len(held))

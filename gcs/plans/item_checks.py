@@ -179,6 +179,19 @@ def _jump_problems(items: Sequence[PlanItem]) -> Iterator[str]:
             yield f"{name}: it jumps to item {target:g}, which is not there; the numbers (doJumpId) are {there}"
         elif target == item.jump_id:
             yield f"{name}: it jumps to itself"
+        elif any(other is item for other in _jumps_on(items, number - 1)):
+            yield f"{name}: it jumps to item {target:g}, which jumps on and comes back here: nothing is flown between"
         repeat = item.params[1]
         if repeat is not None and not float(repeat).is_integer():
             yield f"{name}: it jumps {repeat:g} times; write a whole number, or -1 for ever"
+
+
+def _jumps_on(items: Sequence[PlanItem], start: int) -> Iterator[PlanItem]:
+    """What comes after the jump at index `start` as long as that is jumps, each of which is taken; each item once."""
+    by_number = {item.jump_id: index for index, item in enumerate(items) if item.jump_id}
+    index: int | None = by_number.get(int(items[start].params[0] or 0))
+    seen: set[int] = set()
+    while index is not None and index not in seen and items[index].command == _JUMP:
+        seen.add(index)
+        yield items[index]
+        index = by_number.get(int(items[index].params[0] or 0))

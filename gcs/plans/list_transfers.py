@@ -8,8 +8,11 @@ transferred and not before: parameters do not need it.
 from __future__ import annotations
 
 import asyncio
+import concurrent.futures
+import contextlib
 import logging
 import queue
+import threading
 import time
 from collections.abc import Callable, Sequence
 from typing import Any, Final
@@ -31,6 +34,8 @@ KINDS: Final = {
 }
 """By MAV_MISSION_TYPE, as an operator calls them."""
 _DISCOVERY_S: Final = 5.0
+_GIVING_UP_S: Final = 1.0
+"""How long an interrupted transfer may take to end: the vehicle is to be told."""
 _CALLS: Final = {
     mavlink.MAV_MISSION_TYPE_MISSION: ("upload_mission", "download_mission"),
     mavlink.MAV_MISSION_TYPE_FENCE: ("upload_geofence", "download_geofence"),
@@ -45,10 +50,12 @@ _RESULTS: Final = {
 class ListRefusedError(VehicleError):
     """An autopilot that did not take a list."""
 
-    def __init__(self, problem: str, refused: Item | None) -> None:
-        """`refused`: the item that it asked for last, where that is known."""
+    def __init__(self, problem: str, refused: Item | None, *, answered: bool) -> None:
+        """`refused`: the item that it asked for last, where that is known; `answered`: it said no, and did not just
+        fall silent."""
         super().__init__(problem)
         self.refused = refused
+        self.answered = answered
 
 
 class _Watch:
@@ -87,11 +94,13 @@ class ListTransfers:
         self._out: queue.SimpleQueue[bytes] = queue.SimpleQueue()
         self._client.subscribe_raw_bytes_to_be_sent(self._out.put)
         self._plugin: Any = None
+        self._call_runs = False
         link.listener = self
 
     def close(self) -> None:
         self._link.listener = None
-        self._client.destroy()
+        if not self._call_runs:  # a call that waits in it would wait for ever
+            self._client.destroy()
 
     # -- what passes over the link ---------------------------------------------------------------------------
 
@@ -117,7 +126,8 @@ class ListTransfers:
         except MavsdkError as error:
             refused = None if watch.asked is None else next((i for i in items if i.seq == watch.asked), None)
             reason = _reason(error) if watch.result is None else result_name(watch.result)
-            raise ListRefusedError(reason, refused if watch.result is not None else None) from error
+            answered = watch.result is not None
+            raise ListRefusedError(reason, refused if answered else None, answered=answered) from error
         finally:
             self._link.hears = None
 
@@ -135,7 +145,26 @@ class ListTransfers:
         if self._plugin is None:
             await self._discover()
         call: Callable[..., Any] = getattr(self._plugin, name)
-        return await self._link.during(asyncio.to_thread(call, *arguments))
+        done = _started(call, arguments)
+        try:
+            await self._link.during(_end_of(done))
+        except asyncio.CancelledError:
+            await self._give_up(name, done)
+            raise
+        return done.result()
+
+    async def _give_up(self, name: str, done: concurrent.futures.Future[Any]) -> None:
+        """End an interrupted call, which waits for the vehicle in a thread of its own, and tell the vehicle."""
+        from mavsdk.exceptions import MavsdkError
+
+        downloads = name.startswith("download")
+        with contextlib.suppress(MavsdkError):  # it had ended by itself
+            (self._plugin.cancel_mission_download if downloads else self._plugin.cancel_mission_upload)()
+        end_s = time.monotonic() + _GIVING_UP_S
+        while not done.done() and time.monotonic() < end_s:
+            await self._link.during(asyncio.sleep(0.02))
+        await self._link.during(asyncio.sleep(0.02))  # what it still had to send
+        self._call_runs = not done.done()
 
     async def _discover(self) -> None:
         from mavsdk.plugins.mission_raw import MissionRaw
@@ -150,6 +179,25 @@ class ListTransfers:
                     return
             await self._link.during(asyncio.sleep(0.02))
         raise VehicleError(f"drone {self._link.drone}: its autopilot has fallen silent")
+
+
+def _started(call: Callable[..., Any], arguments: Sequence[Any]) -> concurrent.futures.Future[Any]:
+    """The call in a thread that does not keep the process from ending, as those of `asyncio.to_thread` do."""
+    done: concurrent.futures.Future[Any] = concurrent.futures.Future()
+
+    def work() -> None:
+        try:
+            done.set_result(call(*arguments))
+        except Exception as error:  # noqa: BLE001 (whoever waits for the result gets it)
+            done.set_exception(error)
+
+    threading.Thread(target=work, daemon=True).start()
+    return done
+
+
+async def _end_of(done: concurrent.futures.Future[Any]) -> None:
+    while not done.done():
+        await asyncio.sleep(0.005)
 
 
 def result_name(result: int) -> str:

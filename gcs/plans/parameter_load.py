@@ -38,6 +38,9 @@ READ_ONLY: Final = {
 IDENTITY: Final = {Flavour.ARDUPILOT: "SYSID_THISMAV", Flavour.PX4: "MAV_SYS_ID"}
 """The vehicle's number: a file saved from another vehicle would make a twin of it."""
 
+_AUTOPILOT: Final = 1
+"""MAV_COMP_ID_AUTOPILOT1."""
+
 
 class Change(msgspec.Struct, frozen=True):
     name: str
@@ -60,6 +63,10 @@ class LoadPlan(msgspec.Struct, frozen=True):
     """Left alone: the autopilot's own."""
     identity: tuple[str, ...] = ()
     """Left alone: another vehicle's number, as a sentence."""
+    other_components: tuple[str, ...] = ()
+    """Left alone: parameters of cameras, gimbals and the like, which stand in the same file."""
+    other_vehicles: tuple[int, ...] = ()
+    """The file says that it is of these vehicles."""
     impossible: tuple[str, ...] = ()
     """Values that their parameters cannot have, one sentence each, with the file's line."""
 
@@ -74,6 +81,8 @@ def plan_load(
     identity: list[str] = []
     impossible: list[str] = []
     same = 0
+    others = [each for each in wanted if each.component not in (None, _AUTOPILOT)]
+    wanted = [each for each in wanted if each.component in (None, _AUTOPILOT)]
     for each in wanted:
         now = held.get(each.name)
         problem = None if now is None else value_problem(flavour, now.kind, each.value)
@@ -93,7 +102,14 @@ def plan_load(
         else:
             changes.append(Change(each.name, now.value, each.value))
     return LoadPlan(
-        tuple(changes), same, tuple(unknown), tuple(read_only), tuple(identity), tuple(impossible)
+        tuple(changes),
+        same,
+        tuple(unknown),
+        tuple(read_only),
+        tuple(identity),
+        tuple(f"{each.name} (component {each.component})" for each in others),
+        tuple(sorted({each.vehicle for each in wanted if each.vehicle not in (None, drone)})),
+        tuple(impossible),
     )
 
 

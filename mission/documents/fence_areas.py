@@ -13,6 +13,9 @@ from mission.geometry.geofence import Geofence, Vertex
 _NUMBER: Final = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?", re.ASCII)
 """A decimal number, and none of the other things that Python takes for one."""
 _LARGEST: Final = 1e15
+NO_HEIGHTS: Final = (
+    "the altitudes of its areas are not taken over: a fence stands from the ground to the ceiling"
+)
 
 
 def number(text: str) -> float | str:
@@ -35,6 +38,15 @@ def vertex(latitude: object, longitude: object, file: str, where: str, *, line: 
             )
         place.append(float(given))
     return place[0], place[1]
+
+
+def height(given: object, file: str, where: str) -> float:
+    """The altitude of a vertex, of which it only matters whether it has one."""
+    if not isinstance(given, int | float) or isinstance(given, bool):
+        raise DocumentError(
+            file, f"{where}: its altitude is {given!r}; write a number of metres, or leave it out"
+        )
+    return float(given)
 
 
 def ring(vertices: Sequence[Vertex]) -> tuple[Vertex, ...]:

@@ -36,7 +36,8 @@ def parse_fence_lines(text: str, file: str) -> Plan:
         if len(fields) != 2:
             raise DocumentError(
                 file,
-                f"a line of a fence is latitude and longitude, here are {len(fields)} fields",
+                f"a line of a fence is latitude and longitude, here are {len(fields)} fields"
+                + ("; write a space between them, and points in the numbers" if "," in line else ""),
                 line=row,
             )
         points.append(vertex(number(fields[0]), number(fields[1]), file, "a vertex", line=row))

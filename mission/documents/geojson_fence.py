@@ -1,7 +1,7 @@
 """Fences from geographic information systems: the polygons of a GeoJSON file.
 
 The first ring of a polygon includes, the others exclude, as holes do. A feature with the property
-`"inclusion": false` is the other way round: an area to stay out of. Source: RFC 7946.
+`"inclusion": false` or `"exclusion": true` is the other way round: an area to stay out of. Source: RFC 7946.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import msgspec
 
-from mission.documents.fence_areas import fence_plan, vertex
+from mission.documents.fence_areas import NO_HEIGHTS, fence_plan, height, vertex
 from mission.documents.flight_plan import Plan
 from mission.documents.yaml_file import DocumentError
 from mission.geometry.geofence import Vertex
@@ -35,29 +35,33 @@ def is_geojson(content: Mapping[str, Any]) -> bool:
 
 def parse_geojson(content: Mapping[str, Any], file: str) -> Plan:
     """The polygons of a decoded GeoJSON object as a fence. `DocumentError` names the feature that is wrong."""
-    _check_reference_system(content, file)
     inclusion: list[tuple[Vertex, ...]] = []
     exclusion: list[tuple[Vertex, ...]] = []
     warnings: list[str] = []
+    heights = False
     for area in _areas(content, file, "", True, warnings):
         if not isinstance(area.rings, list) or not area.rings:
             raise DocumentError(file, "a polygon is a list of rings, and there is none", field=area.where)
-        rings = [_ring(ring, file, f"{area.where}[{index}]") for index, ring in enumerate(area.rings)]
+        given = [_ring(ring, file, f"{area.where}[{index}]") for index, ring in enumerate(area.rings)]
+        heights = heights or any(height_m for ring in given for _, height_m in ring)
+        rings = [tuple(place for place, _ in ring) for ring in given]
         if not area.inclusion and len(rings) > 1:
             raise DocumentError(
                 file, "an area to stay out of has a hole; draw it as several polygons", field=area.where
             )
         (inclusion if area.inclusion else exclusion).append(rings[0])
         exclusion += rings[1:]
+    if heights:
+        warnings.append(NO_HEIGHTS)
     return fence_plan(inclusion, exclusion, warnings, file, "no Polygon and no MultiPolygon in it")
 
 
-def _check_reference_system(content: Mapping[str, Any], file: str) -> None:
-    """Old GeoJSON may name another; the numbers would then be metres of some map."""
+def _check_reference_system(content: Mapping[str, Any], file: str, path: str) -> None:
+    """Old GeoJSON may name another, for any of its objects; the numbers would then be metres of some map."""
     system = content.get("crs")
     if system is not None and not str(system).rstrip("'}\"").endswith(_WGS84):
         raise DocumentError(
-            file, "not WGS 84 degrees; export it with the coordinate system EPSG:4326", field="crs"
+            file, "not WGS 84 degrees; export it with the coordinate system EPSG:4326", field=_at(path, "crs")
         )
 
 
@@ -68,6 +72,7 @@ def _areas(value: Any, file: str, path: str, inclusion: bool, warnings: list[str
             "no GeoJSON object: its type must be Feature, FeatureCollection or a geometry",
             field=path or None,
         )
+    _check_reference_system(value, file, path)
     kind = value["type"]
     if kind == "FeatureCollection" or kind == "GeometryCollection":
         key = "features" if kind == "FeatureCollection" else "geometries"
@@ -99,20 +104,31 @@ def _at(path: str, key: str) -> str:
 
 
 def _inclusion(properties: Any, file: str, path: str) -> bool:
-    given = properties.get("inclusion", True) if isinstance(properties, dict) else True
-    if not isinstance(given, bool):
+    said: dict[str, bool] = {}
+    for name in ("inclusion", "exclusion"):
+        given = properties.get(name) if isinstance(properties, dict) and name in properties else ...
+        if isinstance(given, bool):
+            said[name] = given
+        elif given is not ...:
+            raise DocumentError(
+                file, f"is {given!r}; write true or false", field=f"{_at(path, 'properties')}.{name}"
+            )
+    if len(said) > 1 and said["inclusion"] == said["exclusion"]:
         raise DocumentError(
-            file, f"is {given!r}; write true or false", field=f"{_at(path, 'properties')}.inclusion"
+            file, "inclusion and exclusion say two things; write one of them", field=_at(path, "properties")
         )
-    return given
+    return said.get("inclusion", not said.get("exclusion", False))
 
 
-def _ring(points: Any, file: str, where: str) -> tuple[Vertex, ...]:
+def _ring(points: Any, file: str, where: str) -> tuple[tuple[Vertex, float], ...]:
+    """The vertices with their altitudes."""
     if not isinstance(points, list):
         raise DocumentError(file, "a ring is a list of [longitude, latitude]", field=where)
     found = []
     for index, point in enumerate(points):
         if not isinstance(point, list) or len(point) not in (2, 3):
             raise DocumentError(file, "a point is [longitude, latitude]", field=f"{where}[{index}]")
-        found.append(vertex(point[1], point[0], file, f"{where}[{index}]"))
+        at = f"{where}[{index}]"
+        height_m = height(point[2], file, at) if len(point) == 3 else 0.0
+        found.append((vertex(point[1], point[0], file, at), height_m))
     return tuple(found)

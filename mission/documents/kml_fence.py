@@ -12,7 +12,7 @@ from typing import Final
 from xml.etree import ElementTree
 from xml.parsers import expat
 
-from mission.documents.fence_areas import fence_plan, number, vertex
+from mission.documents.fence_areas import NO_HEIGHTS, fence_plan, height, number, vertex
 from mission.documents.flight_plan import Plan
 from mission.documents.yaml_file import DocumentError
 from mission.geometry.geofence import Vertex
@@ -34,6 +34,7 @@ def parse_kml(text: str, file: str) -> Plan:
     inclusion: list[tuple[Vertex, ...]] = []
     exclusion: list[tuple[Vertex, ...]] = []
     warnings: list[str] = []
+    heights = False
     for placemark, element in _shapes(root, file):
         if _name(element) != "Polygon":
             warnings.append(f"{placemark}: a {_name(element)} is no area and not taken over")
@@ -43,29 +44,48 @@ def parse_kml(text: str, file: str) -> Plan:
             raise DocumentError(
                 file, f"{placemark}: a polygon needs one outerBoundaryIs, here are {len(outer)}"
             )
-        inclusion.append(_ring(outer[0], file, placemark))
-        exclusion += [
+        rings = [_ring(outer[0], file, placemark)]
+        rings += [
             _ring(ring, file, f"{placemark}, inner boundary")
             for ring in element
             if _name(ring) == "innerBoundaryIs"
         ]
+        places = [tuple(place for place, _ in ring) for ring in rings]
+        inclusion.append(places[0])
+        exclusion += places[1:]
+        heights = heights or any(height_m for ring in rings for _, height_m in ring)
+    if heights:
+        warnings.append(NO_HEIGHTS)
     return fence_plan(
         inclusion, exclusion, warnings, file, "no polygon; draw the area as a polygon, not as a path"
     )
 
 
 def _root(text: str, file: str) -> ElementTree.Element:
-    if re.search(r"<!(?:DOCTYPE|ENTITY)", text, re.IGNORECASE):
-        raise DocumentError(file, "a KML file has no document type of its own (<!DOCTYPE …>); remove it")
     # The text is decoded already: a declared encoding must not decode it again.
     text = re.sub(r"\A\s*<\?xml[^>]*\?>", "", text)
     try:
+        _refuse_document_type(text, file)
         return ElementTree.fromstring(text)  # noqa: S314 (document types, and with them entities, are refused)
-    except (ElementTree.ParseError, expat.ExpatError) as error:
-        line = getattr(error, "position", (None,))[0]
-        raise DocumentError(file, f"not XML: {str(error).partition(':')[0]}", line=line) from error
+    except expat.ExpatError as error:
+        raise DocumentError(file, f"not XML: {str(error).partition(':')[0]}", line=error.lineno) from error
     except (RecursionError, ValueError) as error:
         raise DocumentError(file, f"not XML that can be read: {error}") from error
+
+
+def _refuse_document_type(text: str, file: str) -> None:
+    """One of the file's own, that is; web pages in the descriptions of placemarks are text."""
+
+    def refuse(*_: object) -> None:
+        raise DocumentError(
+            file,
+            "a KML file has no document type of its own (<!DOCTYPE …>); remove it",
+            line=parser.CurrentLineNumber,
+        )
+
+    parser = expat.ParserCreate()
+    parser.StartDoctypeDeclHandler = refuse
+    parser.Parse(text, True)
 
 
 def _name(element: ElementTree.Element) -> str:
@@ -91,11 +111,12 @@ def _shapes(
         yield from _shapes(child, file, inside, depth + 1)
 
 
-def _ring(boundary: ElementTree.Element, file: str, where: str) -> tuple[Vertex, ...]:
+def _ring(boundary: ElementTree.Element, file: str, where: str) -> tuple[tuple[Vertex, float], ...]:
+    """The vertices with their altitudes."""
     texts = [one.text or "" for one in boundary.iter() if _name(one) == "coordinates"]
     if len(texts) != 1:
         raise DocumentError(file, f"{where}: a boundary has one list of coordinates, here are {len(texts)}")
-    found: list[Vertex] = []
+    found: list[tuple[Vertex, float]] = []
     for index, tuple_text in enumerate(_SEPARATOR.split(texts[0].strip()), 1):
         numbers = tuple_text.split(",")
         if len(numbers) not in (2, 3):
@@ -103,5 +124,7 @@ def _ring(boundary: ElementTree.Element, file: str, where: str) -> tuple[Vertex,
                 file,
                 f"{where}: point {index} is {tuple_text!r}; write longitude,latitude or longitude,latitude,altitude",
             )
-        found.append(vertex(number(numbers[1]), number(numbers[0]), file, f"{where}: point {index}"))
+        point = f"{where}: point {index}"
+        place = vertex(number(numbers[1]), number(numbers[0]), file, point)
+        found.append((place, height(number(numbers[2]), file, point) if len(numbers) == 3 else 0.0))
     return tuple(found)

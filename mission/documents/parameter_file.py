@@ -28,6 +28,10 @@ class FileParameter(msgspec.Struct, frozen=True):
     line: int
     is_read_only: bool = False
     """The file itself says so."""
+    vehicle: int | None = None
+    """The system id that QGroundControl's files say, ..."""
+    component: int | None = None
+    """... and the component: 1 is the autopilot, others are cameras, gimbals and the like."""
 
 
 def read_parameters(path: str | pathlib.Path) -> tuple[FileParameter, ...]:
@@ -40,18 +44,19 @@ def read_parameters(path: str | pathlib.Path) -> tuple[FileParameter, ...]:
 
 
 def parse_parameters(text: str, file: str) -> tuple[FileParameter, ...]:
-    found: dict[str, FileParameter] = {}
+    found: dict[tuple[int, str], FileParameter] = {}
     for number, line in enumerate(text.splitlines(), 1):
         words = re.split(r"[\s,=]+", line.partition("#")[0].strip())
         if words == [""]:
             continue
         parameter = _parameter(words, number, file)
-        before = found.get(parameter.name)
+        key = (parameter.component or 1, parameter.name)
+        before = found.get(key)
         if before is not None and before.value != parameter.value:
             raise DocumentError(
                 file, f"{parameter.name} stands in line {before.line} with another value", line=number
             )
-        found.setdefault(parameter.name, parameter)
+        found.setdefault(key, parameter)
     return tuple(found.values())
 
 
@@ -59,7 +64,9 @@ def _parameter(words: list[str], line: int, file: str) -> FileParameter:
     is_read_only = words[-1].upper() == _READ_ONLY
     if is_read_only:
         words = words[:-1]
+    vehicle, component = None, None
     if len(words) == 5 and words[0].isdecimal() and words[1].isdecimal():  # QGroundControl
+        vehicle, component = int(words[0]), int(words[1])
         words = words[2:4]
     if len(words) != 2:
         raise DocumentError(file, f"{' '.join(words)!r} is no parameter; write NAME VALUE", line=line)
@@ -70,4 +77,4 @@ def _parameter(words: list[str], line: int, file: str) -> FileParameter:
         )
     if not _NUMBER.fullmatch(value) or not math.isfinite(float(value)):
         raise DocumentError(file, f"{name.upper()}: {value!r} is no number", line=line)
-    return FileParameter(name.upper(), float(value), line, is_read_only)
+    return FileParameter(name.upper(), float(value), line, is_read_only, vehicle, component)

@@ -16,7 +16,7 @@ from mission.documents.kml_fence import parse_kml
 from mission.documents.printable import printable
 from mission.documents.qgc_plan import is_qgc, parse_plan, plan_of
 from mission.documents.qgc_text import plan_text
-from mission.documents.waypoint_text import parse_waypoints, waypoints_text
+from mission.documents.waypoint_text import is_waypoints, parse_waypoints, waypoints_text
 from mission.documents.yaml_file import DocumentError, read_text
 from mission.geometry.geofence import Geofence
 
@@ -64,7 +64,7 @@ def parse_any(text: str, file: str) -> Plan:
 
 def _parsed(text: str, file: str) -> Plan:
     start = text.lstrip()
-    if start.startswith("QGC WPL"):
+    if is_waypoints(text):
         return parse_waypoints(text, file)
     if start.startswith("<"):
         return parse_kml(text, file)

@@ -7,7 +7,15 @@ from typing import Final, TypeAlias
 
 import msgspec
 
-from mission.documents.flight_plan import Parameters, PlanItem, item_problem
+from mission.documents.flight_plan import (
+    AMSL_FRAMES,
+    GLOBAL_FRAMES,
+    RELATIVE_FRAMES,
+    TERRAIN_FRAMES,
+    Parameters,
+    PlanItem,
+    item_problem,
+)
 from mission.documents.yaml_file import DocumentError
 
 Number: TypeAlias = float | None
@@ -15,6 +23,14 @@ Unset: TypeAlias = msgspec.UnsetType
 _EXPAND: Final = (
     "upload the plan from QGroundControl to a (simulated) vehicle, download it there and save that"
 )
+
+_SAVE_AGAIN: Final = "write one of them in both places, or correct it in QGroundControl and save it again"
+_FRAMES_OF_MODES: Final = {1: RELATIVE_FRAMES | AMSL_FRAMES, 2: AMSL_FRAMES, 4: TERRAIN_FRAMES}
+"""QGroundControl's AltitudeMode: 1 over home (before its version 3.5: over the sea), 2 over the sea (over the ground
+as it was when the plan was made, sent as over the sea: another number by right), 4 over the ground."""
+_SAME_IN: Final = RELATIVE_FRAMES | TERRAIN_FRAMES
+"""Where both numbers are the same altitude."""
+_SAME_M: Final = 0.01
 
 
 class QgcItem(msgspec.Struct, rename="camel"):
@@ -26,6 +42,7 @@ class QgcItem(msgspec.Struct, rename="camel"):
     do_jump_id: int = 0
     complex_item_type: str = ""
     altitude_mode: int | None = msgspec.field(default=None, name="AltitudeMode")
+    altitude: Number = msgspec.field(default=None, name="Altitude")
     transects: _Transects | None = msgspec.field(default=None, name="TransectStyleComplexItem")
     coordinate: tuple[Number, Number, Number] | None = None
     """Versions before 3.2 kept parameters 5 to 7 here, ..."""
@@ -67,10 +84,23 @@ def _simple_items(item: QgcItem, file: str, field: str) -> Iterator[PlanItem]:
         jump_id=item.do_jump_id or item.id,
         altitude_mode=item.altitude_mode,
     )
-    problem = item_problem(simple)
+    problem = item_problem(simple) or _altitude_problem(item, simple)
     if problem:
         raise DocumentError(file, problem, field=f"{field}.params")
     yield simple
+
+
+def _altitude_problem(item: QgcItem, simple: PlanItem) -> str | None:
+    """An altitude stands twice in an item, and people change one of them: QGroundControl flies by the first."""
+    given, sent = item.altitude, simple.params[6]
+    wanted = _FRAMES_OF_MODES.get(item.altitude_mode or 0)
+    if wanted is None or given is None or sent is None or simple.frame not in GLOBAL_FRAMES:
+        return None
+    if simple.frame not in wanted:
+        return f"AltitudeMode {item.altitude_mode} and frame {simple.frame} say two things; {_SAVE_AGAIN}"
+    if simple.frame in _SAME_IN and abs(given - sent) > _SAME_M:
+        return f"its altitude stands twice: Altitude {given:g} and parameter 7 {sent:g}; {_SAVE_AGAIN}"
+    return None
 
 
 def _carried(item: QgcItem, file: str, field: str) -> Iterator[PlanItem]:

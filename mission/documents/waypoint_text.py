@@ -50,13 +50,27 @@ class _Row(msgspec.Struct, frozen=True):
     item: PlanItem
 
 
+def is_waypoints(text: str) -> bool:
+    """Whether the first line that says anything begins as these files do, of whatever version."""
+    lines = _lines(text)
+    return bool(lines) and [word.upper() for word in lines[0][1].split()[:2]] == WAYPOINT_HEADER.split()[:2]
+
+
+def _lines(text: str) -> list[tuple[int, str]]:
+    """The lines, with their numbers, without empty ones and comments."""
+    lines = ((number, line.strip()) for number, line in enumerate(text.split("\n"), 1))
+    return [(number, line) for number, line in lines if line and not line.startswith("#")]
+
+
 def parse_waypoints(text: str, file: str) -> Plan:
     """Read "QGC WPL 110" text. Row 0 is home, as ArduPilot keeps it; fence and rally commands are a fence and rally
     points, of which a file may consist altogether; the others are the mission's items."""
-    lines = [(number, line.strip()) for number, line in enumerate(text.split("\n"), 1)]
-    lines = [(number, line) for number, line in lines if line and not line.startswith("#")]
+    lines = _lines(text)
     if not lines or lines[0][1].split() != WAYPOINT_HEADER.split():
-        raise DocumentError(file, f"the first line must be {WAYPOINT_HEADER!r}", line=1)
+        found = f", not {lines[0][1]!r}: save the file again in a current ground station" if lines else ""
+        raise DocumentError(
+            file, f"the first line must be {WAYPOINT_HEADER!r}{found}", line=lines[0][0] if lines else 1
+        )
     rows = [_row(line, index, file, number) for index, (number, line) in enumerate(lines[1:])]
     if not rows:
         raise DocumentError(file, "there is no waypoint; row 0 must be home")

@@ -75,7 +75,9 @@ def read_text(path: str | pathlib.Path) -> str:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise DocumentError(str(path), "cannot be read: it is not UTF-8 text", line=line) from error
+        raise DocumentError(
+            str(path), "cannot be read: it is not UTF-8 text; save it as UTF-8", line=line
+        ) from error
     if "\0" in text:
         raise DocumentError(str(path), "cannot be read: there are zero bytes in it; it is no text")
     return text.replace("\r\n", "\n").replace("\r", "\n")
@@ -108,7 +110,10 @@ def _loaded(text: str, file: str) -> Any:
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or str(error).splitlines()[0]
-        raise DocumentError(file, problem, line=mark.line + 1 if mark else None) from error
+        line = mark.line + 1 if mark else None
+        if isinstance(error, yaml.reader.ReaderError):  # a character that YAML does not know
+            line = text.encode().count(b"\n", 0, error.position) + 1
+        raise DocumentError(file, problem, line=line) from error
 
 
 def fault_of(file: str, field: str, problem: str) -> DocumentError:

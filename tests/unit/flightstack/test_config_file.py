@@ -57,6 +57,12 @@ LIMIT = "  separation_m: 4.0"
         ("RTL_ALT: 1500", "rtl_alt: 1500", "in capitals: RTL_ALT"),
         (
             "RTL_ALT: 1500",
+            "SYSID_THISMAV: 77",
+            ":13: autopilot.parameters.SYSID_THISMAV: SYSID_THISMAV 77 would give",
+        ),
+        ("RTL_ALT: 1500", "RTL_ALT: 15\a", ":13: unacceptable character #x0007"),
+        (
+            "RTL_ALT: 1500",
             "RTL_ALT: 9000",
             "brings the drone home 90 m above it, over limits.ceiling_above_home_m",
         ),

@@ -196,6 +196,48 @@ def test_a_refused_item_is_named_with_what_the_vehicle_holds_now(session: Sessio
     )
 
 
+@pytest.mark.parametrize("kind", ["mission", "fence"])
+def test_an_interrupted_upload_ends_and_says_what_it_leaves(
+    ardupilot: Session, kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As when Ctrl-C is pressed: MAVSDK waits for the vehicle, and must not be waited for."""
+    write = ardupilot.link.write
+
+    async def interrupted(vehicle: Vehicle) -> None:
+        task = asyncio.current_task()
+        assert task is not None
+
+        def until_the_first_item(data: bytes) -> None:
+            if not task.cancelling():  # what comes then does not reach the vehicle
+                write(data)
+            if "MISSION_ITEM_INT" in ardupilot.link.kinds() and not task.cancelling():
+                task.cancel()
+
+        monkeypatch.setattr(ardupilot.link, "write", until_the_first_item)
+        await vehicle.upload_plan(WHOLE if kind == "fence" else Plan(items=ITEMS, home=WHOLE.home), RTL)
+
+    words = f"drone 1: interrupted while the {kind} went up: it may hold a part of this file now"
+    with pytest.raises(VehicleError, match=words):
+        ardupilot.run(interrupted)
+
+
+def test_a_vehicle_that_disappears_in_the_middle_is_no_refusal(
+    ardupilot: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = ardupilot.link.write
+
+    def until_the_first_item(data: bytes) -> None:
+        if "MISSION_ITEM_INT" not in ardupilot.link.kinds():
+            write(data)
+
+    monkeypatch.setattr(ardupilot.link, "write", until_the_first_item)
+    with pytest.raises(VehicleError) as error:
+        ardupilot.run(upload(Plan(items=ITEMS, home=WHOLE.home)))
+    assert str(error.value).startswith(
+        "drone 1: mission not sent: timeout; it may hold a part of this file now"
+    )
+
+
 def test_px4_refuses_by_a_text_after_it_has_accepted(px4: Session) -> None:
     px4.link.says_after["MISSION_ITEM_INT"] = "Geofence violation for waypoint 2\t"
     with pytest.raises(VehicleError) as error:

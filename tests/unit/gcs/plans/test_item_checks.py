@@ -87,6 +87,15 @@ def test_a_number_of_two_items_cannot_be_jumped_to() -> None:
     assert found == ("2 items have the number 2 (doJumpId), to which an item jumps; number them anew",)
 
 
+def test_jumps_that_lead_to_each_other_are_named() -> None:
+    found = errors(item(jump_id=2), jump(4, jump_id=3), jump(3, jump_id=4))
+    assert [error.partition(": ")[2].partition(",")[0] for error in found] == [
+        "it jumps to item 4",
+        "it jumps to item 3",
+    ]
+    assert errors(item(jump_id=2), jump(4, jump_id=3), jump(2, jump_id=4)) == ()
+
+
 def test_a_tag_that_is_set_can_be_jumped_to() -> None:
     assert errors(item(600, 2, p1=5.0, p5=0.0, p6=0.0), item(), item(601, 2, p1=5.0, p5=0.0, p6=0.0)) == ()
 

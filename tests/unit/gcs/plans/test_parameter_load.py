@@ -45,6 +45,14 @@ def test_what_cannot_be_loaded_is_named():
     assert [sentence.split(";")[0] for sentence in plan.identity] == ["SYSID_THISMAV 4: this is drone 1"]
 
 
+def test_cameras_and_other_vehicles_in_a_file_of_qgroundcontrol():
+    plan = load("1\t1\tRTL_ALT\t2500\t6\n1\t154\tRTL_ALT\t9\t6\n1\t100\tCAM_MODE\t2\t6\n")
+    assert plan.changes == (Change("RTL_ALT", 1500.0, 2500.0),)
+    assert plan.other_components == ("RTL_ALT (component 154)", "CAM_MODE (component 100)")
+    assert (plan.unknown, plan.other_vehicles) == ((), ())
+    assert load("3\t1\tRTL_ALT\t2500\t6\n").other_vehicles == (3,)
+
+
 def test_values_that_cannot_be_are_told_with_their_line():
     plan = load("# a\nFENCE_ACTION 300\nRTL_ALT 16777217\n")
     assert plan.changes == ()

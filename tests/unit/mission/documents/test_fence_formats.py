@@ -220,6 +220,57 @@ def test_json_is_strict() -> None:
         assert words in str(caught.value)
 
 
+def test_a_web_page_in_a_description_is_no_document_type() -> None:
+    text = (CASES / "fence.kml").read_text()
+    page = "<description><![CDATA[<!DOCTYPE html><html>survey</html>]]></description>"
+    plan = parse_any(text.replace("<Document>", f"<Document>{page}"), "a.kml")
+    assert plan.geofence is not None
+    assert plan.geofence.inclusion == (TRIANGLE,)
+
+
+def test_altitudes_of_areas_are_said_to_be_left_out() -> None:
+    kml = (CASES / "fence.kml").read_text()
+    geojson = (CASES / "fence.geojson").read_text()
+    for text in (
+        kml.replace("8.5465,47.399,0", "8.5465,47.399,120"),
+        geojson.replace("47.399]", "47.399, 120]"),
+    ):
+        plan = parse_any(text, "a.kml")
+        assert plan.geofence is not None
+        assert plan.geofence.inclusion == (TRIANGLE,)
+        assert [one for one in plan.warnings if "altitudes" in one] == list(plan.warnings) != []
+    for text, shown in (
+        (kml.replace("8.5465,47.399,0", "8.5465,47.399,x"), "its altitude is 'x'"),
+        (geojson.replace("47.399]", '47.399, "x"]'), "its altitude is 'x'"),
+    ):
+        with pytest.raises(DocumentError, match=shown):
+            parse_any(text, "a.kml")
+
+
+@pytest.mark.parametrize("where", ["features", "geometry"])
+def test_metres_of_a_map_are_refused_wherever_the_file_says_so(where: str) -> None:
+    content = json.loads((CASES / "fence.geojson").read_text())
+    feature = content["features"][0]
+    system = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::3857"}}
+    (feature if where == "features" else feature["geometry"])["crs"] = system
+    with pytest.raises(
+        DocumentError, match=rf"features\[0\]\.{'' if where == 'features' else 'geometry.'}crs: not WGS"
+    ):
+        parse_any(json.dumps(content), "a.geojson")
+
+
+def test_an_area_to_stay_out_of_by_either_word() -> None:
+    content = json.loads((CASES / "fence.geojson").read_text())
+    for properties in ({"exclusion": True}, {"inclusion": False}, {"inclusion": False, "exclusion": True}):
+        content["features"][0]["properties"] = properties
+        plan = parse_any(json.dumps(content), "a.geojson")
+        assert plan.geofence is not None
+        assert (plan.geofence.inclusion, plan.geofence.exclusion) == ((), (TRIANGLE,))
+    content["features"][0]["properties"] = {"inclusion": True, "exclusion": True}
+    with pytest.raises(DocumentError, match="say two things"):
+        parse_any(json.dumps(content), "a.geojson")
+
+
 # --- Dragonfly ---
 
 

@@ -42,6 +42,8 @@ def test_what_a_file_marks_as_read_only_is_known_as_that():
     ("text", "says"),
     [
         ("RTL_ALT 1500\nRTL_ALT 2500\n", "a.param:2: RTL_ALT stands in line 1 with another value"),
+        ("1 1 RTL_ALT 5 6\nRTL_ALT 6\n", "a.param:2: RTL_ALT stands in line 1 with another value"),
+        ("1 1 RTL_ALT 5 6\n2 1 RTL_ALT 6 6\n", "a.param:2: RTL_ALT stands in line 1 with another value"),
         ("RTL_ALT\n", "a.param:1: 'RTL_ALT' is no parameter; write NAME VALUE"),
         ("RTL_ALT 1,500\n", "a.param:1: 'RTL_ALT 1 500' is no parameter"),
         ("RTL_ALT 15m\n", "a.param:1: RTL_ALT: '15m' is no number"),

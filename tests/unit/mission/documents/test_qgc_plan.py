@@ -176,3 +176,30 @@ def test_items_of_old_missions_need_all_their_parts() -> None:
 def test_a_structure_scan_is_named_with_what_to_do() -> None:
     with pytest.raises(DocumentError, match=r"mission\.items\[1\]: a structure scan: .*download it there"):
         read_plan(CASES / "p12_structurescan.plan")
+
+
+@pytest.mark.parametrize(
+    ("frame", "mode", "altitude", "words"),
+    [
+        (3, 1, 50, "its altitude stands twice: Altitude 50 and parameter 7 20"),
+        (10, 4, 50, "its altitude stands twice"),
+        (3, 2, 20, "AltitudeMode 2 and frame 3 say two things"),
+        (3, 4, 20, "AltitudeMode 4 and frame 3 say two things"),
+        (3, 1, 20, ""),
+        (0, 1, 20, ""),
+        (0, 2, 50, ""),  # over the ground, by an old version
+        (0, 3, 50, ""),
+        (3, None, 50, ""),
+        (3, 1, None, ""),
+    ],
+)
+def test_an_altitude_that_stands_twice(
+    frame: int, mode: int | None, altitude: float | None, words: str
+) -> None:
+    content = json.loads((CASES / "p01_ok.plan").read_text())
+    content["mission"]["items"][1] |= {"frame": frame, "AltitudeMode": mode, "Altitude": altitude}
+    if not words:
+        assert len(parse_plan(json.dumps(content), "a.plan").items) == 4
+        return
+    with pytest.raises(DocumentError, match=rf"a\.plan: mission\.items\[1\]\.params: {words}"):
+        parse_plan(json.dumps(content), "a.plan")

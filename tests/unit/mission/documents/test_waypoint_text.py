@@ -6,7 +6,7 @@ import pathlib
 
 import pytest
 
-from mission.documents.plan_file import Plan, parse_waypoints, read_plan
+from mission.documents.plan_file import Plan, parse_any, parse_waypoints, read_plan
 from mission.documents.yaml_file import DocumentError
 from mission.geometry.frames import Geodetic
 from mission.geometry.geofence import Circle
@@ -134,3 +134,16 @@ def test_a_point_to_return_to_is_told() -> None:
 def test_terrain_frames_and_take_offs_from_here_are_kept() -> None:
     plan = waypoints(HOME, "1 0 3 22 0 0 0 0 0 0 20 1", "2 0 10 16 0 0 0 0 47.3984 8.5455 25 1")
     assert [(item.frame, item.params[6]) for item in plan.items] == [(3, 20.0), (10, 25.0)]
+
+
+@pytest.mark.parametrize("start", ["# written by hand\nQGC WPL 110\n", "\n QGC  WPL\t110 \r\n"])
+def test_comments_and_spaces_before_the_first_row(start: str) -> None:
+    assert parse_any(start + "0 1 0 16 0 0 0 0 47.398 8.5451 480 1\n", "a.txt").home is not None
+
+
+@pytest.mark.parametrize("version", ["QGC WPL 100", "qgc wpl 110", "QGC WPL"])
+def test_another_version_is_named(version: str) -> None:
+    with pytest.raises(
+        DocumentError, match=rf"a\.txt:2: the first line must be 'QGC WPL 110', not '{version}'"
+    ):
+        parse_any(f"#\n{version}\n0 1 0 16 0 0 0 0 47.398 8.5451 480 1\n", "a.txt")
