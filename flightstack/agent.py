@@ -13,13 +13,14 @@ import numpy as np
 
 from flightstack.autopilot import AutopilotSession, OwnFence, TakenBy, VehicleReport
 from flightstack.config import DroneConfig
+from flightstack.flight.facts import SwarmFacts, VehicleFacts
 from flightstack.flight.fence_conflict import fence_conflict
 from flightstack.flight.guard import Guard, Guarded, PositionTarget
 from flightstack.flight.guidance import over_the_top, underneath
 from flightstack.flight.homecoming import Homecoming
 from flightstack.flight.leaving import Leaving, LeavingFacts
 from flightstack.flight.obedience import Obedience
-from flightstack.flight.phase import Ask, FlightPhase, PhaseStep, SwarmFacts, VehicleFacts
+from flightstack.flight.phase import Ask, FlightPhase, PhaseStep
 from flightstack.flight.slot_transfer import SlotStep, SlotTransfer
 from flightstack.flight.strategy_call import consult
 from flightstack.flight.transitions import IN_FORMATION, IllegalTransitionError

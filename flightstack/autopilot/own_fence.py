@@ -91,8 +91,9 @@ class OwnFenceReading:
             self._switched = True
             only_warns = px4 and self._values.get("GF_ACTION", 0.0) == _WARNS
             if only_warns or not any(self._values.values()):
-                # An autopilot built without fences knows none of their parameters.
-                self._finish(OwnFence(), () if self._values else self._parameters.missing)
+                # An autopilot built without fences knows none of their parameters; the second switch is newer.
+                missing, switch = self._parameters.missing, (PX4_SWITCHES if px4 else ARDUPILOT_SWITCHES)[0]
+                self._finish(OwnFence(), missing if switch in missing else ())
                 return sent
             self._parameters = ParameterReading(PX4_VALUES if px4 else ARDUPILOT_VALUES)
             return sent

@@ -59,7 +59,8 @@ class VehicleReport(msgspec.Struct, frozen=True, kw_only=True):
     wind_sd_mps: float | None
     """Standard deviation of `wind_ned_mps` per horizontal axis; None where the autopilot does not say."""
     crash: str
-    """How it crashed since it was armed, in words; empty if it did not. A wreck is not `airborne`."""
+    """How it crashed since it was armed, in words; empty if it did not. A wreck is not `airborne`, unless it
+    is armed and high over home: then it may be none."""
     failsafe: bool
     """A failsafe acts or has taken the vehicle."""
     failsafe_reason: str

@@ -12,10 +12,11 @@ from collections.abc import Sequence
 
 import msgspec
 
+from flightstack.flight.facts import SwarmFacts, VehicleFacts
 from flightstack.flight.transitions import IN_THE_AIR, STEERING, TRANSITIONS, FlightEvent, following
 from flightstack.swarm.news import Note
 from flightstack.swarm.wire import TAKING_PART, Command, CommandName, CommandOutcome, Phase, Result, Severity
-from mission.strategies.contract import Order, Stage
+from mission.strategies.contract import Stage
 
 DOWN_S = 3.0
 """How long a vehicle in formation may seem disarmed before it counts as down: heartbeats come once a second."""
@@ -54,47 +55,8 @@ class Ask(enum.Enum):
 
 
 DESCENTS = {Phase.LANDING: Ask.LAND, Phase.RTL: Ask.RETURN, Phase.CRASHED: Ask.LAND}
-"""How the autopilot is asked to bring the drone down; the motors of a wreck stop when it takes itself for landed."""
-
-
-class VehicleFacts(msgspec.Struct, frozen=True):
-    """What the phase needs to know of the vehicle, from the autopilot's own reports."""
-
-    connected: bool
-    problem: str
-    """Why the newest request to the autopilot failed for good, empty otherwise."""
-    armed: bool
-    airborne: bool
-    ours: bool
-    """The autopilot is in the mode in which it follows our setpoints."""
-    mode: str
-    taken_reason: str
-    """How authority was lost, as the session saw it; empty while it was not."""
-    at_takeoff_altitude: bool
-    failsafe: bool = False
-    """Authority was lost to a failsafe of the autopilot, not to a person."""
-    crash: str = ""
-    """How and where it crashed since it was armed; empty if it did not."""
-
-
-class SwarmFacts(msgspec.Struct, frozen=True):
-    """What the phase needs to know of the swarm and of the drone's own place in it."""
-
-    order: Order | None
-    member: bool
-    """The tree still counts this drone in."""
-    formed_up: bool
-    """In its slot, or as near to it as it gets."""
-    over_home: bool
-    """Above its own home and low enough for the autopilot's landing."""
-    stuck: bool
-    """Returning, and no nearer to home for long: something is in the way that does not move."""
-    shut_out: bool
-    """The others fly a survey that does not count this drone in."""
-    must_return: str
-    """Why this drone cannot go on (battery, sensor, ground station lost), empty if it can."""
-    has_twin: bool = False
-    """Another agent says, now, that it is this drone."""
+"""How the autopilot is asked to bring the drone down. A wreck's motors stop when the autopilot takes it for landed,
+which may be long after; and what was no wreck lands."""
 
 
 class PhaseStep(msgspec.Struct, frozen=True):
@@ -116,7 +78,11 @@ class FlightPhase:
         self._control_timeout_s = control_timeout_s
         self._control_since_s: float | None = None
         """When we last asked for control; None once we had it. Losing it then means that somebody took it."""
+        self._taken_before = ""
+        """How authority had been lost when we asked; a text may add to it later."""
         self._down_since_s: float | None = None
+        self._had_crashed_with_pilot = False
+        self._wreck_was_disarmed = False
         self._answered: dict[str, CommandOutcome] = {}
         self._notes: list[Note] = []
         self._outcomes: list[CommandOutcome] = []
@@ -144,6 +110,8 @@ class FlightPhase:
             if command.target in (0, self._drone):
                 self._answer(now_s, command, vehicle, swarm)
         self._advance(now_s, vehicle, swarm)
+        if vehicle.ours:
+            self._control_since_s = None  # there is nothing to wait for: whoever takes it now wants it
         return self.stay(vehicle)
 
     def stay(self, vehicle: VehicleFacts) -> PhaseStep:
@@ -229,6 +197,7 @@ class FlightPhase:
 
     def _obey(self, now_s: float, name: CommandName, vehicle: VehicleFacts) -> None:
         why = WHY[name]
+        self._taken_before = vehicle.taken_reason
         if name in DOWNWARDS:
             if self.phase is Phase.ARMING:
                 self._prompt = Ask.DISARM if vehicle.armed else None
@@ -246,6 +215,7 @@ class FlightPhase:
 
     def _advance(self, now_s: float, vehicle: VehicleFacts, swarm: SwarmFacts) -> None:
         if vehicle.crash and self.phase in IN_THE_AIR | {Phase.LANDED}:
+            self._had_crashed_with_pilot, self._wreck_was_disarmed = self.phase is Phase.PILOT, False
             self._happen(now_s, FlightEvent.CRASHED, vehicle.crash, Severity.CRITICAL, "crash")
         elif self._lost_control(now_s, vehicle):
             self._happen(now_s, FlightEvent.CONTROL_LOST, None)
@@ -262,8 +232,7 @@ class FlightPhase:
                 if not vehicle.armed and not vehicle.airborne:
                     self._happen(now_s, FlightEvent.DOWN, "on the ground, disarmed")
             case Phase.CRASHED:
-                if vehicle.armed and not vehicle.crash:
-                    self._happen(now_s, FlightEvent.CONTROL_LOST, "somebody has armed it again")
+                self._crashed(now_s, vehicle)
         if self.phase in TAKING_PART - {Phase.ARMING, Phase.TAKEOFF}:
             self._follow_the_swarm(now_s, swarm)
             self._notice_the_ground(now_s, vehicle)
@@ -307,6 +276,17 @@ class FlightPhase:
             why = "the way home is blocked: landing here"
             self._happen(now_s, FlightEvent.BLOCKED, why, Severity.WARNING, "blocked")
 
+    def _crashed(self, now_s: float, vehicle: VehicleFacts) -> None:
+        self._wreck_was_disarmed |= not vehicle.armed
+        if not vehicle.armed or vehicle.crash:
+            return
+        if self._wreck_was_disarmed:
+            self._happen(now_s, FlightEvent.CONTROL_LOST, "somebody has armed it again")
+            return
+        event = FlightEvent.CONTROL_LOST if self._had_crashed_with_pilot else FlightEvent.FLIES
+        why = "it did not crash, it flies on, out of the survey: rtl brings it home"
+        self._happen(now_s, event, why, Severity.CRITICAL, "crash")
+
     def _follow_the_swarm(self, now_s: float, swarm: SwarmFacts) -> None:
         stage = swarm.order.stage if swarm.order else None
         if swarm.must_return:
@@ -343,8 +323,10 @@ class FlightPhase:
         if vehicle.ours:
             self._control_since_s = None
             return False
-        asked_s = self._control_since_s
-        return asked_s is None or now_s - asked_s > self._control_timeout_s
+        asked_s, before, now = self._control_since_s, self._taken_before, vehicle.taken_reason
+        # While we wait for our mode somebody may choose another: a pilot who says no.
+        taken_again = bool(now) and (not before or not now.startswith(before))
+        return asked_s is None or taken_again or now_s - asked_s > self._control_timeout_s
 
     def _asks(self, vehicle: VehicleFacts) -> tuple[Ask, ...]:
         if self._prompt is not None:

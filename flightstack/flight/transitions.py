@@ -41,6 +41,8 @@ class FlightEvent(enum.StrEnum):
     DOWN = "down"
     """On the ground with the motors off."""
     CRASHED = "crashed"
+    FLIES = "flies"
+    """What was taken for a wreck flies on."""
     SEARCH = "search"
     """In its slot, and the swarm searches."""
     TRACK = "track"
@@ -138,12 +140,14 @@ TRANSITIONS: dict[tuple[Phase, FlightEvent], Phase] = {
     (Phase.PILOT, FlightEvent.RTL): Phase.RTL,
     (Phase.PILOT, FlightEvent.LAND): Phase.LANDING,
     (Phase.PILOT, FlightEvent.DOWN): Phase.LANDED,
-    # A wreck stays one until its autopilot was restarted, or somebody has armed it.
+    # A wreck stays one until its autopilot was restarted, somebody has armed it, or it flies.
     **dict.fromkeys(((phase, FlightEvent.CRASHED) for phase in IN_THE_AIR | {Phase.LANDED}), Phase.CRASHED),
     (Phase.CRASHED, FlightEvent.START): Phase.ARMING,
     (Phase.CRASHED, FlightEvent.ABORT): Phase.CRASHED,
     (Phase.CRASHED, FlightEvent.RTL): Phase.CRASHED,
     (Phase.CRASHED, FlightEvent.LAND): Phase.CRASHED,
+    # It was asked to land; with a false alarm it is on its way down.
+    (Phase.CRASHED, FlightEvent.FLIES): Phase.LANDING,
     (Phase.CRASHED, FlightEvent.CONTROL_LOST): Phase.PILOT,
     (Phase.LANDED, FlightEvent.START): Phase.ARMING,
     (Phase.LANDED, FlightEvent.RTL): Phase.RTL,

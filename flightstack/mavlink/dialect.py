@@ -7,6 +7,7 @@ PX4 tells an onboard computer by EVENT what it tells a ground station by STATUST
 
 from __future__ import annotations
 
+import re
 import struct
 from typing import Any, ClassVar, Final
 
@@ -27,6 +28,15 @@ class AddedMessage(mavlink.MAVLink_message):  # type: ignore[misc]  # pymavlink 
     """How many values of each the unpacker gives."""
     array_lengths: ClassVar[list[int]]
     """0 for a number."""
+
+    def __init_subclass__(cls) -> None:
+        """The rest follows from the layout: "40B" is an array of forty numbers, "35s" one text of as many bytes."""
+        layout = [
+            (int(count or 0), code) for count, code in re.findall(r"(\d*)([A-Za-z])", cls.unpacker.format)
+        ]
+        cls.fieldnames = cls.ordered_fieldnames
+        cls.lengths = [1 if code == "s" else max(count, 1) for count, code in layout]
+        cls.array_lengths = [count for count, _ in layout]
 
     def __init__(self, **fields: Any) -> None:
         """Numbers, tuples for arrays of numbers, bytes for texts."""
@@ -59,9 +69,6 @@ class EventMessage(AddedMessage):
         "log_levels",
         "arguments",
     ]
-    fieldnames = ordered_fieldnames
-    lengths: ClassVar[list[int]] = [1, 1, 1, 1, 1, 1, 40]
-    array_lengths: ClassVar[list[int]] = [0, 0, 0, 0, 0, 0, 40]
 
 
 class CurrentEventSequenceMessage(AddedMessage):
@@ -72,9 +79,6 @@ class CurrentEventSequenceMessage(AddedMessage):
     crc_extra = 106
     unpacker = struct.Struct("<HB")
     ordered_fieldnames: ClassVar[list[str]] = ["sequence", "flags"]
-    fieldnames = ordered_fieldnames
-    lengths: ClassVar[list[int]] = [1, 1]
-    array_lengths: ClassVar[list[int]] = [0, 0]
 
 
 class RequestEventMessage(AddedMessage):
@@ -90,9 +94,6 @@ class RequestEventMessage(AddedMessage):
         "target_system",
         "target_component",
     ]
-    fieldnames = ordered_fieldnames
-    lengths: ClassVar[list[int]] = [1, 1, 1, 1]
-    array_lengths: ClassVar[list[int]] = [0, 0, 0, 0]
 
 
 class ResponseEventErrorMessage(AddedMessage):
@@ -109,9 +110,6 @@ class ResponseEventErrorMessage(AddedMessage):
         "target_component",
         "reason",
     ]
-    fieldnames = ordered_fieldnames
-    lengths: ClassVar[list[int]] = [1, 1, 1, 1, 1]
-    array_lengths: ClassVar[list[int]] = [0, 0, 0, 0, 0]
 
 
 class AvailableModesMessage(AddedMessage):
@@ -129,9 +127,6 @@ class AvailableModesMessage(AddedMessage):
         "standard_mode",
         "mode_name",
     ]
-    fieldnames = ordered_fieldnames
-    lengths: ClassVar[list[int]] = [1, 1, 1, 1, 1, 1]
-    array_lengths: ClassVar[list[int]] = [0, 0, 0, 0, 0, 35]
 
 
 class CurrentModeMessage(AddedMessage):
@@ -142,9 +137,6 @@ class CurrentModeMessage(AddedMessage):
     crc_extra = 193
     unpacker = struct.Struct("<IIB")
     ordered_fieldnames: ClassVar[list[str]] = ["custom_mode", "intended_custom_mode", "standard_mode"]
-    fieldnames = ordered_fieldnames
-    lengths: ClassVar[list[int]] = [1, 1, 1]
-    array_lengths: ClassVar[list[int]] = [0, 0, 0]
 
 
 MESSAGES: Final[dict[int, Any]] = mavlink.mavlink_map | {

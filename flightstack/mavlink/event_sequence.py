@@ -19,7 +19,7 @@ TRIES: Final = 3
 _TURN: Final = 65536
 
 
-class Arrival(enum.Enum):
+class EventArrival(enum.Enum):
     NEW = "new"
     LATE = "late"
     """One that newer ones have overtaken, or that was asked for."""
@@ -36,16 +36,16 @@ class EventSequence:
         """Number, and how often it was asked for."""
         self._asked_s = -math.inf
 
-    def take(self, sequence: int) -> Arrival:
+    def take(self, sequence: int) -> EventArrival:
         """An event with this number has come."""
         if self._lost.pop(sequence, None) is not None:
-            return Arrival.LATE
+            return EventArrival.LATE
         ahead = 1 if self._newest is None else (sequence - self._newest) % _TURN
         if ahead == 0 or ahead >= _TURN - KEPT:
-            return Arrival.KNOWN
+            return EventArrival.KNOWN
         self.told(sequence)
         self._lost.pop(sequence, None)
-        return Arrival.NEW
+        return EventArrival.NEW
 
     def told(self, sequence: int) -> None:
         """This is the newest number."""

@@ -111,7 +111,7 @@ class ParameterQuery:
             self.answer, self.reason = Answer.REFUSED, f"{self.name}: {_error(fields)}"
 
 
-class _Step(enum.Enum):
+class _Stage(enum.Enum):
     """What a `ParameterExchange` waits for."""
 
     READ = "read"
@@ -141,7 +141,7 @@ class ParameterExchange:
         self.found: float | None = None
         """What the vehicle told last."""
         self._value = value
-        self._step = _Step.READ
+        self._step = _Stage.READ
         self._sets = 0
         self._sent = 0
         self._next_s = -math.inf
@@ -154,7 +154,7 @@ class ParameterExchange:
             return []
         self._sent += 1
         self._next_s = now_s + REPEAT_S
-        if self._step is not _Step.SET or self.kind is None:
+        if self._step is not _Stage.SET or self.kind is None:
             return [_request(vehicle, self.name)]
         self._sets += 1
         self.written = True
@@ -176,10 +176,10 @@ class ParameterExchange:
                 return
         if is_same(self.kind, self.found, self._value):
             self.answer = Answer.ACCEPTED
-        elif self._step is not _Step.CONFIRM:
-            self._go_to(_Step.SET if self._step is _Step.READ else _Step.CONFIRM)
+        elif self._step is not _Stage.CONFIRM:
+            self._go_to(_Stage.SET if self._step is _Stage.READ else _Stage.CONFIRM)
         elif self._sets < _SETS:
-            self._go_to(_Step.SET)  # the answer may have been older than our setting, which may be lost
+            self._go_to(_Stage.SET)  # the answer may have been older than our setting, which may be lost
         else:
             self._give_up()
 
@@ -189,7 +189,7 @@ class ParameterExchange:
             stays = "" if self.found is None else f"; it stays {number_text(self.found)}"
             self._refuse(f"{self.name}: {_error(fields)}{stays}")
 
-    def _go_to(self, step: _Step) -> None:
+    def _go_to(self, step: _Stage) -> None:
         self._step, self._sent, self._next_s = step, 0, -math.inf
 
     def _refuse(self, reason: str) -> None:

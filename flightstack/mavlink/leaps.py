@@ -48,14 +48,14 @@ class _Report(NamedTuple):
     def follows(self, before: _Report) -> bool:
         """Whether a vehicle that was as `before` says can be as this says."""
         elapsed_s = max(self.now_s - before.now_s, 0.0)
-        ahead_s = (self.boot_ms - before.boot_ms) / 1000.0 - elapsed_s
+        boot_s = (self.boot_ms - before.boot_ms) / 1000.0
         distance_m = _distance_m(
             self.latitude_1e7 - before.latitude_1e7,
             self.longitude_1e7 - before.longitude_1e7,
             self.latitude_1e7 * 1e-7,
             (self.amsl_mm - before.amsl_mm) / 1000.0,
         )
-        return ahead_s <= AHEAD_S and distance_m <= LEAP_M + FASTEST_MPS * elapsed_s
+        return boot_s <= elapsed_s + AHEAD_S and distance_m <= LEAP_M + FASTEST_MPS * elapsed_s
 
 
 class LeapFilter:
@@ -77,4 +77,19 @@ class LeapFilter:
             return False
         self._leap = None
         self._before = report
+        return True
+
+
+class HomeFilter:
+    """A home far from the one before has moved when it is told a second time."""
+
+    def __init__(self) -> None:
+        self._other: Geodetic | None = None
+
+    def believes(self, before: Geodetic | None, home: Geodetic) -> bool:
+        """Whether `home` counts. `before`: the one that counts now."""
+        if before is not None and home != self._other and apart_m(home, before) > LEAP_M:
+            self._other = home
+            return False
+        self._other = None
         return True

@@ -11,7 +11,7 @@ import enum
 import re
 from typing import Any, Final, NamedTuple
 
-from flightstack.mavlink.event_sequence import Arrival, EventSequence
+from flightstack.mavlink.event_sequence import EventArrival, EventSequence
 from flightstack.mavlink.modes import px4_mode_bit
 from flightstack.mavlink.px4_event_table import CHECKS, REPORT_BEGIN, REPORT_END, TOLD, event_id
 from flightstack.mavlink.statustext import StatusText
@@ -105,7 +105,9 @@ class Px4Events:
         severity = fields.log_levels & 0x0F
         arrival = self.sequence.take(fields.sequence)
         # What comes late belongs to a report that is over.
-        if arrival is Arrival.KNOWN or (arrival is Arrival.LATE and (number == _BEGIN or number in CHECKS)):
+        if arrival is EventArrival.KNOWN or (
+            arrival is EventArrival.LATE and (number == _BEGIN or number in CHECKS)
+        ):
             return []
         if number == _BEGIN:
             self._report = []

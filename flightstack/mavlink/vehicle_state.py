@@ -15,15 +15,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from flightstack.mavlink.codec import MavlinkMessage
 from flightstack.mavlink.crash import CrashWatch
 from flightstack.mavlink.dialect import CurrentEventSequenceMessage, EventMessage
-from flightstack.mavlink.leaps import LEAP_M, LeapFilter, apart_m
-from flightstack.mavlink.modes import (
-    COPTER_TYPES,
-    FLAVOURS,
-    Duty,
-    Flavour,
-    mode_name,
-    mode_of,
-)
+from flightstack.mavlink.leaps import HomeFilter, LeapFilter
+from flightstack.mavlink.modes import COPTER_TYPES, FLAVOURS, Duty, Flavour, mode_name, mode_of
 from flightstack.mavlink.px4_events import Px4Events
 from flightstack.mavlink.role import Role, role_of
 from flightstack.mavlink.statustext import StatusText, TextAssembler
@@ -37,6 +30,8 @@ REBOOT_S: Final = 5.0
 """The autopilot's clock going back by more than this is a restart, by less a late message."""
 FALLS_FOR_S: Final = 20.0
 """A vehicle that was disarmed in the air has come down by then."""
+WRECK_BELOW_M: Final = 5.0
+"""Over home: an armed wreck that seems to lie higher may be none."""
 FLYING_ABOVE_HOME_M: Final = 1.0
 """Without a landed state, an armed vehicle above this is taken to fly (until it disarms)."""
 
@@ -117,7 +112,7 @@ class VehicleState:
         """How many of each kind came."""
         self.boot_ms: int | None = None
         self._leaps = LeapFilter()
-        self._other_home: Geodetic | None = None
+        self._homes = HomeFilter()
         self.landed_state = mavlink.MAV_LANDED_STATE_UNDEFINED
         self.estimator_flags: int | None = None
         self.prearm: bool | None = None
@@ -228,15 +223,20 @@ class VehicleState:
             velocity_ned_mps = (fields.vx * 0.01, fields.vy * 0.01, fields.vz * 0.01)
             landing = self.in_mode(Duty.LAND) or self.in_mode(Duty.RETURN)
             self._crash.moved(
-                now_s, velocity_ned_mps, fields.alt * 1e-3, fields.relative_alt * 1e-3, landing=landing
+                fields.time_boot_ms * 1e-3,
+                velocity_ned_mps,
+                fields.alt * 1e-3,
+                fields.relative_alt * 1e-3,
+                landing=landing,
+                armed=self.armed,
             )
 
-    def _attitude(self, now_s: float, fields: Any) -> None:
+    def _attitude(self, _now_s: float, fields: Any) -> None:
         attitude_rad = (fields.roll, fields.pitch, fields.yaw)
         if all(map(math.isfinite, attitude_rad)):
             self.attitude_rad = attitude_rad
             if self.armed:
-                self._crash.leaned(now_s, fields.roll, fields.pitch)
+                self._crash.leaned(fields.time_boot_ms * 1e-3, fields.roll, fields.pitch)
 
     def _home_position(self, _now_s: float, fields: Any) -> None:
         if fields.latitude == 0 and fields.longitude == 0:
@@ -244,11 +244,8 @@ class VehicleState:
         latitude_deg, longitude_deg = fields.latitude * 1e-7, fields.longitude * 1e-7
         if abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0:
             home = Geodetic(latitude_deg, longitude_deg, fields.altitude * 1e-3)
-            if self.home is not None and home != self._other_home and apart_m(home, self.home) > LEAP_M:
-                self._other_home = home  # told a second time, it has moved
-                return
-            self.home, self._other_home = home, None
-            self._home_ned_m = None
+            if self._homes.believes(self.home, home):
+                self.home, self._home_ned_m = home, None
 
     def _extended_sys_state(self, _now_s: float, fields: Any) -> None:
         self.landed_state = fields.landed_state
@@ -333,7 +330,7 @@ class VehicleState:
 
     @property
     def crash(self) -> str:
-        """How it crashed since it was armed, "" if it did not."""
+        """How it crashed since it was armed, "" if it did not, or if it flew on."""
         return self._crash.reason
 
     def believe_crashed(self, how: str) -> None:
@@ -362,10 +359,13 @@ class VehicleState:
         """Whether it is in the air: as it says itself, else by its height; None: it is armed and nothing tells.
 
         A vehicle that has been high stays in the air until it is disarmed: low over ground that rises is not landed.
-        A wreck does not fly, whatever its autopilot says.
+        A wreck does not fly, whatever its autopilot says. One that is armed and not near the height of home is kept
+        clear of all the same: it may be none, and there nobody has to pass.
         """
-        if not self.armed or self.crash:
+        if not self.armed:
             return False
+        if self.crash:
+            return (self.above_home_m or 0.0) > WRECK_BELOW_M
         if (
             self.landed_state != mavlink.MAV_LANDED_STATE_UNDEFINED
             and self.message_age_s(now_s, mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE) < FRESH_S

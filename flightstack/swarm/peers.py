@@ -40,6 +40,10 @@ class PeerFacts(msgspec.Struct, frozen=True):
 class Peer(msgspec.Struct):
     state: DroneState
     facts: PeerFacts
+    placed: DroneState
+    """The newest state that says where the drone is: an agent that was restarted in the air knows nothing of it until
+    its autopilot has answered, and the vehicle is there all the same."""
+    placed_s: float
 
 
 class Peers:
@@ -80,7 +84,7 @@ class Peers:
         """Everybody worth keeping clear of or listening to, by ascending id."""
         found: dict[int, Neighbour] = {}
         for drone, peer in self.peers.items():
-            state, silence_s = peer.state, now_s - peer.facts.heard_s
+            state, silence_s = peer.placed, now_s - peer.placed_s
             position, velocity = state.position_ned_m, state.velocity_ned_mps
             if position is None or velocity is None or silence_s > OBSTACLE_MEMORY_S:
                 continue
@@ -92,7 +96,7 @@ class Peers:
                 state.airborne,
                 _aged(state.excess_co2_ppm, silence_s),
                 state.wind,
-                is_adrift(silence_s),
+                is_adrift(now_s - peer.facts.heard_s),
                 state.word,
             )
         for drone, (vehicle, at_s) in self._traffic.items():
@@ -114,7 +118,11 @@ class Peers:
         if not self._incarnations.setdefault(state.sender, Incarnations()).hear(now_s, state):
             return
         facts = PeerFacts(now_s, state.phase in TAKING_PART, state.healing, state.position_ned_m)
-        self.peers[state.sender] = Peer(state, facts)
+        before = self.peers.get(state.sender)
+        if before is None or state.position_ned_m is not None:
+            self.peers[state.sender] = Peer(state, facts, state, now_s)
+        else:
+            self.peers[state.sender] = Peer(state, facts, before.placed, before.placed_s)
 
 
 def _aged(estimate: Scalar | None, age_s: float) -> Scalar | None:

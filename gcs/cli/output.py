@@ -9,6 +9,7 @@ from typing import Any
 import typer
 
 from gcs.errors import GroundError
+from mission.documents.printable import printable
 
 
 def say(facts: dict[str, Any], text: str, *, json: bool) -> None:
@@ -21,9 +22,9 @@ def say(facts: dict[str, Any], text: str, *, json: bool) -> None:
 def tell(file: pathlib.Path, errors: Sequence[str], warnings: Sequence[str]) -> None:
     """What was found in a file, on the error output."""
     for error in errors:
-        typer.echo(f"{file}: {error}", err=True)
+        typer.echo(printable(f"{file}: {error}"), err=True)
     for warning in warnings:
-        typer.echo(f"{file}: warning: {warning}", err=True)
+        typer.echo(printable(f"{file}: warning: {warning}"), err=True)
 
 
 def settings(parameters: dict[str, float]) -> str:

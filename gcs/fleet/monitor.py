@@ -66,7 +66,7 @@ ENDS = {
     "wire": "no more unreadable messages",
     "recording": "its flight is recorded again",
     "station": "no second ground station of our name or MAVLink system id is heard any more",
-    "crash": "its vehicle was armed or restarted after the crash",
+    "crash": "its vehicle flies on, or was armed or restarted after the crash",
     "astray": "it goes where it is sent again, or is not steered any more",
     "no_ack": "the missing answer has come, or is not waited for any more",
 }

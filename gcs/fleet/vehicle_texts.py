@@ -28,7 +28,7 @@ class VehicleText(NamedTuple):
     text: StatusText
 
 
-class _Waiting(NamedTuple):
+class _WaitingText(NamedTuple):
     since_s: float
     way: int
     told: VehicleText
@@ -38,7 +38,7 @@ class VehicleTexts:
     """Takes texts by all ways; `due` gives those to be told now."""
 
     def __init__(self) -> None:
-        self._waiting: deque[_Waiting] = deque(maxlen=_WAITING_AT_MOST)
+        self._waiting: deque[_WaitingText] = deque(maxlen=_WAITING_AT_MOST)
         self._told: dict[tuple[int, str], tuple[float, int]] = {}
         """When these words of a drone came last, and by which way."""
 
@@ -48,13 +48,13 @@ class VehicleTexts:
 
     def hear(self, now_s: float, link: int, drone: int, text: StatusText) -> None:
         """A text has come over our own link."""
-        self._waiting.append(_Waiting(now_s, link, VehicleText(drone, text)))
+        self._waiting.append(_WaitingText(now_s, link, VehicleText(drone, text)))
 
     def due(self, now_s: float, agent_live: Callable[[int], bool]) -> list[VehicleText]:
         """The texts to tell now, oldest first."""
         self._told = {words: at for words, at in self._told.items() if now_s - at[0] <= SAME_S}
         found: list[VehicleText] = []
-        kept: deque[_Waiting] = deque(maxlen=_WAITING_AT_MOST)
+        kept: deque[_WaitingText] = deque(maxlen=_WAITING_AT_MOST)
         for waiting in self._waiting:
             drone, text = waiting.told
             _, way = self._told.get((drone, text.text), (0.0, waiting.way))

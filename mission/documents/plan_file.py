@@ -5,12 +5,15 @@ from __future__ import annotations
 import pathlib
 from typing import Any, Final
 
+import msgspec
+
 from mission.documents.dragonfly_mission import is_dragonfly, parse_dragonfly
 from mission.documents.fence_lines import is_fence_lines, parse_fence_lines
 from mission.documents.flight_plan import Plan, PlanItem
 from mission.documents.geojson_fence import is_geojson, parse_geojson
 from mission.documents.json_text import json_object
 from mission.documents.kml_fence import parse_kml
+from mission.documents.printable import printable
 from mission.documents.qgc_plan import is_qgc, parse_plan, plan_of
 from mission.documents.qgc_text import plan_text
 from mission.documents.waypoint_text import is_waypoints, parse_waypoints, waypoints_text
@@ -54,6 +57,12 @@ def read_fence(path: str | pathlib.Path) -> tuple[Geofence, tuple[str, ...]]:
 
 def parse_any(text: str, file: str) -> Plan:
     """As `read_plan`, from the text of the file named `file`."""
+    plan = _parsed(text, file)
+    # They name what stands in the file, whatever that is.
+    return msgspec.structs.replace(plan, warnings=tuple(map(printable, plan.warnings)))
+
+
+def _parsed(text: str, file: str) -> Plan:
     start = text.lstrip()
     if is_waypoints(text):
         return parse_waypoints(text, file)

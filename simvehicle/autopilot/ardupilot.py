@@ -92,7 +92,7 @@ class ArduPilotPilot:
         return 1 + sum(pulse_us > bound for bound in (1230, 1360, 1490, 1620, 1749))
 
 
-class ArduPilotEvents:
+class ArduPilotFlightEvents:
     """A `FlightEvents`."""
 
     def __init__(
@@ -275,7 +275,7 @@ def _build(parts: SharedParts) -> Personality:
         split_mode=lambda custom_mode: (custom_mode, 0),
         answers=AnswerStyle(),
         pilot=PilotInputs(pilot.may_fly, pilot.moved),
-        events=ArduPilotEvents(
+        events=ArduPilotFlightEvents(
             flight,
             parameters,
             announcer,

@@ -102,7 +102,7 @@ _COMPANION_HZ = {
 """The "onboard" profile as recorded, as far as we have the messages; none comes faster than our 50 Hz."""
 
 
-class Px4Events:
+class Px4FlightEvents:
     """A `FlightEvents`."""
 
     def __init__(
@@ -356,7 +356,7 @@ def _build(parts: SharedParts) -> Personality:
         split_mode=lambda custom_mode: (custom_mode >> 16 & 0xFF, custom_mode >> 24),
         answers=AnswerStyle(set_mode=mavlink.MAV_CMD_DO_SET_MODE, message_first=True),
         pilot=PilotInputs(lambda system: system != parts.system, pilot.moved),
-        events=Px4Events(
+        events=Px4FlightEvents(
             flight,
             parameters,
             progress,

@@ -109,6 +109,19 @@ def test_a_drone_that_returns_crashes_on_the_way() -> None:
     assert flight.run_until(lambda: flight.phases() == {Phase.LANDED, Phase.CRASHED}, 120.0)
 
 
+def test_what_is_wrongly_taken_for_a_wreck_is_kept_clear_of_and_lands() -> None:
+    flight = scenario(seed=10)
+    flight.run(40.0)
+    flight.members[2].agent._session.believe_crashed("fell, it seems")
+    assert flight.run_until(lambda: flight.states[2].phase is Phase.CRASHED, 1.0)
+    assert flight.states[2].airborne, "the others keep clear of it"
+    assert flight.run_until(lambda: flight.states[2].phase is Phase.LANDING, 8.0)
+    assert flight.states[2].airborne
+    assert flight.run_until(lambda: flight.states[2].phase is Phase.LANDED, 60.0)
+    assert flight.min_separation_m > 4.0
+    assert 2 not in dict(flight.trees[1].slots)
+
+
 def test_a_wreck_is_not_started_again_before_its_autopilot_was() -> None:
     flight = scenario(count=2, seed=9)
     flight.run(30.0)

@@ -304,16 +304,16 @@ def test_mobs_drones_search_alone_and_at_least_one_climbs_the_plume() -> None:
     assert len({order.anchor_ned_m for order in swarm.orders}) == 1
 
 
-@pytest.mark.parametrize("seed", [7, 8])
-def test_mobs_ends_where_nobody_beat_the_best_reading(seed: int) -> None:
+@pytest.mark.parametrize(("strategy", "seed"), [("mobs", 7), ("mobs", 8), ("mobs-authors", 7)])
+def test_mobs_ends_where_nobody_beat_the_best_reading(strategy: str, seed: int) -> None:
     plume = plume_of(seed)
-    swarm = Swarm(5, plume, seed, strategy="mobs", step_m=3.0, search_limit_s=3000.0)
+    swarm = Swarm(5, plume, seed, strategy=strategy, step_m=3.0, search_limit_s=3000.0)
     swarm.run(3200.0)
     assert error_m(swarm, plume) < 12.0  # as near as a moth comes
     assert swarm.order.apart
 
 
-@pytest.mark.parametrize("strategy", ["mobs", "locus-hybrid", "locus-multi"])
+@pytest.mark.parametrize("strategy", ["mobs", "mobs-authors", "locus-hybrid", "locus-multi"])
 def test_without_a_plume_every_strategy_gives_up_in_time(strategy: str) -> None:
     swarm = Swarm(6, lambda position: 0.0, 1, strategy=strategy, search_limit_s=150.0)
     swarm.run(300.0)

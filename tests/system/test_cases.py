@@ -30,6 +30,23 @@ CASES = ROOT / "tests" / "data" / "cases"
 ROWS = sorted((CASES / "rows").glob("*.yaml"))
 MODULES = {"flightstack": "flightstack.cli", "gcs": "gcs.cli.main", "simvehicle": "simvehicle.cli.main"}
 
+NUMBERED = {"0", "00", "000", *map(str, range(1, 27))}
+"""The faults by the numbers under which they were reported; each has a case."""
+ASKED_FOR = {
+    "gcs param load",
+    "gcs fence download and clear, gcs plan clear",
+    "fences of other programs",
+    "a drone's fence from a file",
+    "older QGroundControl formats",
+    "structure scans",
+    "second ground station",
+    "a plan far from the vehicle",
+    "--version",
+    "SBA-5+ check-sum mode",
+    "PC-stamped logs",
+}
+"""What people asked for beside; each has a case, too."""
+
 
 class Step(msgspec.Struct, forbid_unknown_fields=True):
     """One command and what is right of it."""
@@ -131,3 +148,8 @@ def test_what_went_wrong_once(file: pathlib.Path, folder: pathlib.Path, vehicle:
             if isinstance(node, ast.FunctionDef)
         ]
         assert test.rpartition("::")[2] in functions, f"there is no test {name}"
+
+
+def test_every_fault_and_request_has_a_case() -> None:
+    missing = (NUMBERED | ASKED_FOR) - {case_of(file).row for file in ROWS}
+    assert not missing

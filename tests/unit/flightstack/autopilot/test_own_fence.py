@@ -132,17 +132,32 @@ def test_a_conflict_ends_the_arming_with_its_reason() -> None:
     assert not asked.vehicle.armed
 
 
-def test_an_autopilot_that_tells_nothing_of_its_fence_is_armed_and_that_is_noted() -> None:
-    asked = Asked("ardupilot", {"FENCE_ENABLE": 1.0})
+@pytest.mark.parametrize(
+    ("silent", "noted"),
+    [
+        ((b"FENCE_ENABLE", b"FENCE_AUTOENABLE"), ["FENCE_ENABLE, FENCE_AUTOENABLE"]),
+        ((b"FENCE_ENABLE",), ["FENCE_ENABLE"]),
+        ((b"FENCE_AUTOENABLE",), []),
+    ],
+)
+def test_an_autopilot_that_does_not_tell_whether_it_keeps_a_fence_is_armed_and_that_is_noted(
+    silent: tuple[bytes, ...], noted: list[str]
+) -> None:
+    asked = Asked("ardupilot", {"FENCE_ENABLE": 0.0})
     receive = asked.vehicle.receive
 
     def deaf_to_parameters(link: int, data: bytes) -> None:
         frames = FrameFinder().find(data + bytes(1))
-        silent = mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ
-        receive(link, b"".join(frame.data for frame in frames if frame.kind != silent))
+        read = mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ
+        heard = (
+            frame.data
+            for frame in frames
+            if frame.kind != read or not any(name in frame.data for name in silent)
+        )
+        receive(link, b"".join(heard))
 
     asked.vehicle.receive = deaf_to_parameters  # type: ignore[method-assign]
     assert asked.run().is_none
     assert asked.vehicle.armed
-    (note,) = (note for note in asked.session.report.notes if "fence" in note)
-    assert note == ("autopilot does not tell FENCE_ENABLE, FENCE_AUTOENABLE: its own fence is not known")
+    notes = [note for note in asked.session.report.notes if "fence" in note]
+    assert notes == [f"autopilot does not tell {names}: its own fence is not known" for names in noted]

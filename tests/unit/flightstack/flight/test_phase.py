@@ -7,7 +7,8 @@ import itertools
 import msgspec
 import pytest
 
-from flightstack.flight.phase import Ask, FlightPhase, PhaseStep, SwarmFacts, VehicleFacts
+from flightstack.flight.facts import SwarmFacts, VehicleFacts
+from flightstack.flight.phase import Ask, FlightPhase, PhaseStep
 from flightstack.flight.transitions import STEERING
 from flightstack.swarm.wire import TAKING_PART, Command, CommandName, Phase, Result, Severity
 from mission.strategies.contract import Order, Stage
@@ -325,6 +326,23 @@ def test_a_wreck_that_somebody_arms_again_is_the_pilots() -> None:
     assert "armed it again" in step.notes[0].text
 
 
+@pytest.mark.parametrize(
+    ("phase", "after"),
+    [(Phase.SEARCHING, Phase.LANDING), (Phase.TAKEOFF, Phase.LANDING), (Phase.PILOT, Phase.PILOT)],
+)
+def test_what_was_taken_for_a_wreck_and_flies_on_lands_or_is_the_pilots(phase: Phase, after: Phase) -> None:
+    flight = Flight().to(Phase.SEARCHING if phase is Phase.PILOT else phase)
+    lands = msgspec.structs.replace(UP, ours=False, mode="LAND")
+    if phase is Phase.PILOT:
+        assert flight.step(lands).phase is Phase.PILOT
+    flight.step(FALLEN)
+    step = flight.step(lands)
+    assert (step.phase, step.asks) == (after, ())
+    assert [(n.severity, n.code) for n in step.notes] == [(Severity.CRITICAL, "crash")]
+    assert "it did not crash, it flies on" in step.notes[0].text
+    assert flight.step(lands, ALONE, flight.command(CommandName.RTL)).phase is Phase.RTL
+
+
 def test_a_wreck_starts_again_when_its_autopilot_was_restarted() -> None:
     flight = Flight().to(Phase.SEARCHING)
     flight.step(FALLEN)
@@ -361,3 +379,27 @@ def test_who_took_the_mode_is_told_once_and_by_the_autopilots_own_text() -> None
     assert taken(pilot) == [
         ("pilot", "pilot: by the pilot or another ground station: mode changed from GUIDED to RTL")
     ]
+
+
+def test_a_pilot_who_takes_the_mode_in_the_very_tick_after_the_take_off_keeps_it() -> None:
+    flight = Flight().to(Phase.FORMING)
+    step = flight.step(msgspec.structs.replace(UP, ours=False, mode="LOITER", taken_reason="mode changed"))
+    assert (step.phase, step.asks) == (Phase.PILOT, ())
+
+
+@pytest.mark.parametrize("command", [CommandName.RESUME, CommandName.ABORT])
+def test_a_pilot_who_chooses_another_mode_while_ours_is_waited_for_has_said_no(command: CommandName) -> None:
+    taken = msgspec.structs.replace(
+        UP, ours=False, mode="LOITER", taken_reason="mode changed from GUIDED to LOITER"
+    )
+    flight = Flight().to(Phase.SEARCHING)
+    flight.step(taken)
+    step = flight.step(taken, ALONE, flight.command(command))
+    assert step.asks == (Ask.TAKE_CONTROL,)
+    named = msgspec.structs.replace(taken, taken_reason=taken.taken_reason + " (Fence Breached)")
+    assert flight.step(named).asks == (Ask.TAKE_CONTROL,), "no new change: the same one, explained"
+    no = msgspec.structs.replace(
+        taken, mode="STABILIZE", taken_reason="mode changed from LOITER to STABILIZE"
+    )
+    step = flight.step(no)
+    assert (step.phase, step.asks) == (Phase.PILOT, ())

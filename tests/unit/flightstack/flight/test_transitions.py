@@ -8,7 +8,8 @@ from collections.abc import Iterator
 import msgspec
 import pytest
 
-from flightstack.flight.phase import FlightPhase, SwarmFacts, VehicleFacts
+from flightstack.flight.facts import SwarmFacts, VehicleFacts
+from flightstack.flight.phase import FlightPhase
 from flightstack.flight.transitions import (
     STEERING,
     TRANSITIONS,
@@ -43,6 +44,7 @@ takeoff_failed    -   -  lnd  -   -   -   -   -   -   -   -   -   -
 control_lost      -   -  plt plt plt plt plt plt  -   -   -   -  plt
 down              -   -  dwn dwn dwn dwn dwn dwn dwn dwn dwn  -   -
 crashed           -   -  crs crs crs crs crs crs crs crs crs crs  -
+flies             -   -   -   -   -   -   -   -   -   -   -   -  lnd
 search            -   -   -  sea  -  sea  -   -   -   -   -   -   -
 track             -   -   -  trk trk  -   -   -   -   -   -   -   -
 go_home           -   -   -  ret ret ret ret  -   -   -   -   -   -

@@ -21,13 +21,19 @@ class Faller:
         self.down_mps = 0.0
         self.step_s = 1.0 / rate_hz
         self.landing = False
+        self.armed = True
 
     def tell(self, down_mps: float, north_mps: float = 0.0) -> None:
         self.now_s += self.step_s
         self.down_mps = down_mps
         self.height_m = max(self.height_m - down_mps * self.step_s, 0.0)
         self.watch.moved(
-            self.now_s, (north_mps, 0.0, down_mps), 300.0 + self.height_m, self.height_m, landing=self.landing
+            self.now_s,
+            (north_mps, 0.0, down_mps),
+            300.0 + self.height_m,
+            self.height_m,
+            landing=self.landing,
+            armed=self.armed,
         )
 
     def fall(self) -> float:
@@ -167,3 +173,73 @@ def test_one_wrong_velocity_between_right_ones_is_no_fall(down_mps: float) -> No
     vehicle.height_m = height_m
     vehicle.rest(6.0)
     assert vehicle.watch.reason == ""
+
+
+def test_a_velocity_that_the_estimator_makes_up_and_takes_back_is_no_fall() -> None:
+    """A reset of its height: for a second it sinks at 5 m/s, from one moment to the next and back. It hovers."""
+    vehicle = Faller(40.0)
+    vehicle.rest(2.0)
+    for _ in range(10):
+        vehicle.tell(5.0)
+    vehicle.rest(20.0)
+    assert vehicle.watch.reason == ""
+
+
+def wreck(how: str = "") -> Faller:
+    """What is taken for one, high up."""
+    vehicle = Faller(60.0)
+    vehicle.rest(1.0)
+    vehicle.watch.reason = how or "fell and hit the ground at 5.0 m/s"
+    return vehicle
+
+
+@pytest.mark.parametrize(
+    ("down_mps", "north_mps", "seconds"), [(0.5, 0.0, 4.5), (-1.0, 0.0, 3.2), (0.0, 4.0, 3.2)]
+)
+def test_what_lands_climbs_or_travels_was_no_wreck(down_mps: float, north_mps: float, seconds: float) -> None:
+    vehicle = wreck()
+    for _ in range(round(seconds * 10)):
+        vehicle.tell(down_mps, north_mps)
+    assert vehicle.watch.reason == ""
+    for _ in range(100):
+        vehicle.tell(down_mps, north_mps)
+    vehicle.rest(10.0)
+    assert vehicle.watch.reason == "", "and it has not crashed since"
+
+
+@pytest.mark.parametrize(("down_mps", "north_mps"), [(0.05, 0.0), (-0.15, 0.0), (0.0, 0.8)])
+def test_an_estimate_that_drifts_is_no_flight(down_mps: float, north_mps: float) -> None:
+    vehicle = wreck()
+    for _ in range(1800):
+        vehicle.tell(down_mps, north_mps)
+    assert vehicle.watch.reason
+
+
+def test_a_wreck_that_shakes_does_not_fly() -> None:
+    vehicle = wreck()
+    for tick in range(1000):
+        vehicle.tell(1.5 * math.sin(0.7 * tick))
+    assert vehicle.watch.reason
+
+
+@pytest.mark.parametrize("why", ["disarmed", "turned over", "the autopilot said so"])
+def test_what_cannot_fly_stays_a_wreck_whatever_its_estimate_does(why: str) -> None:
+    vehicle = wreck()
+    if why == "disarmed":
+        vehicle.armed = False
+    elif why == "turned over":
+        vehicle.watch.leaned(vehicle.now_s, math.pi, 0.0)
+    else:
+        vehicle.watch.told("Crash: Disarming")
+    for _ in range(100):
+        vehicle.tell(1.0, 5.0)
+    assert vehicle.watch.reason
+
+
+def test_a_fall_that_upsets_the_estimator_at_its_beginning_is_one_all_the_same() -> None:
+    vehicle = Faller(30.0)
+    vehicle.rest(2.0)
+    vehicle.tell(5.0)
+    speed_mps = vehicle.fall()
+    vehicle.rest(3.0)
+    assert vehicle.watch.reason == f"fell and hit the ground at {speed_mps:.1f} m/s"

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flightstack.mavlink.event_sequence import KEPT, TRIES, Arrival, EventSequence
+from flightstack.mavlink.event_sequence import KEPT, TRIES, EventArrival, EventSequence
 
 
 def asked(events: EventSequence, now_s: float) -> list[tuple[int, int]]:
@@ -16,20 +16,20 @@ def asked(events: EventSequence, now_s: float) -> list[tuple[int, int]]:
 def test_nothing_is_asked_for_while_nothing_is_lost() -> None:
     events = EventSequence()
     for number in (65534, 65535, 0, 1):
-        assert events.take(number) is Arrival.NEW
+        assert events.take(number) is EventArrival.NEW
     events.told(1)
     assert asked(events, 0.0) == []
-    assert events.take(1) is Arrival.KNOWN
-    assert events.take(65535) is Arrival.KNOWN
+    assert events.take(1) is EventArrival.KNOWN
+    assert events.take(65535) is EventArrival.KNOWN
 
 
 def test_what_lies_between_is_asked_for_over_the_turn_of_the_numbers() -> None:
     events = EventSequence()
     events.take(65533)
-    assert events.take(1) is Arrival.NEW
+    assert events.take(1) is EventArrival.NEW
     assert asked(events, 0.0) == [(65534, 0)]
     assert asked(events, 0.5) == [], "not so soon again"
-    assert events.take(65535) is Arrival.LATE
+    assert events.take(65535) is EventArrival.LATE
     assert asked(events, 1.0) == [(65534, 65534), (0, 0)]
 
 
@@ -38,7 +38,7 @@ def test_the_last_one_is_missed_by_the_number_that_is_told() -> None:
     events.take(10)
     events.told(12)
     assert asked(events, 0.0) == [(11, 12)]
-    assert events.take(12) is Arrival.LATE
+    assert events.take(12) is EventArrival.LATE
 
 
 def test_it_is_not_asked_for_ever() -> None:
@@ -52,8 +52,8 @@ def test_a_restart_is_no_loss_and_neither_is_the_past() -> None:
     events = EventSequence()
     events.told(500)
     assert asked(events, 0.0) == []
-    assert events.take(501) is Arrival.NEW
-    assert events.take(3) is Arrival.NEW
+    assert events.take(501) is EventArrival.NEW
+    assert events.take(3) is EventArrival.NEW
     assert asked(events, 1.0) == []
 
 

@@ -6,7 +6,7 @@ import types
 
 import pytest
 
-from flightstack.mavlink.leaps import LeapFilter, apart_m
+from flightstack.mavlink.leaps import HomeFilter, LeapFilter, apart_m
 from mission.geometry.frames import Geodetic
 
 LATITUDE_1E7, LONGITUDE_1E7 = 384_040_000, 149_630_000
@@ -71,3 +71,29 @@ def test_distance_of_two_places() -> None:
     assert apart_m(here, Geodetic(60.001, 10.0, 100.0)) == pytest.approx(111.3, abs=0.5)
     assert apart_m(here, Geodetic(60.0, 10.002, 100.0)) == pytest.approx(111.3, abs=0.5)
     assert apart_m(here, Geodetic(60.0, 10.0, 350.0)) == pytest.approx(250.0)
+
+
+@pytest.mark.parametrize("rate_hz", [2.0, 10.0])
+@pytest.mark.parametrize("up_m", [10.0, 150.0, -900.0])
+def test_another_estimate_for_good_is_taken_over_within_a_second_at_any_rate(
+    rate_hz: float, up_m: float
+) -> None:
+    """A reset of the estimator, or a position after a loss: however far, it is never held back for long."""
+    leaps, step_s = LeapFilter(), 1.0 / rate_hz
+    assert all(leaps.believes(step_s * tick, report(50.0 + step_s * tick)) for tick in range(10))
+    told_s = [step_s * tick for tick in range(10, 20)]
+    believed = [leaps.believes(at_s, report(50.0 + at_s, alt=310_000 + round(up_m * 1e3))) for at_s in told_s]
+    assert believed[-8:] == [True] * 8
+    assert believed.index(True) * step_s <= 0.5
+
+
+def test_a_home_that_has_moved_far_counts_when_it_is_told_again_and_one_near_at_once() -> None:
+    homes = HomeFilter()
+    here, far = Geodetic(38.404, 14.963, 310.0), Geodetic(38.41, 14.963, 310.0)
+    near = Geodetic(38.4041, 14.963, 312.0)
+    assert homes.believes(None, here)
+    assert homes.believes(here, near)
+    assert not homes.believes(near, far)
+    assert homes.believes(near, near), "the right one again: the other was none"
+    assert not homes.believes(near, far)
+    assert homes.believes(near, far)

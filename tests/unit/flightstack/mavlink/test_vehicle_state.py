@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -46,6 +48,17 @@ class Vehicle:
                 0,
                 -50,
                 0,
+            ),
+        )
+
+    def sinks(self, now_s: float, boot_s: float, up_m: float, down_mps: float) -> None:
+        """A position with a speed downwards."""
+        degrees = (round(HOME.latitude_deg * 1e7), round(HOME.longitude_deg * 1e7))
+        amsl_mm, up_mm = round((HOME.amsl_m + up_m) * 1000), round(up_m * 1000)
+        self.say(
+            now_s,
+            mavlink.MAVLink_global_position_int_message(
+                round(boot_s * 1000), *degrees, amsl_mm, up_mm, 0, 0, round(down_mps * 100), 0
             ),
         )
 
@@ -285,3 +298,54 @@ def test_ardupilots_constant_position_bit_means_no_position(flags: int, good: bo
     vehicle.position(0.2, 1.0)
     assert vehicle.state.estimator_is_good is good
     assert (vehicle.state.position_ned_m is not None) is good
+
+
+def quick_descent(vehicle: Vehicle, hear_s: Callable[[float], float]) -> float:
+    """Down at 6 m/s, braked at 4 m/s2, and hovering; heard when `hear_s` of its own time says. Returns its height."""
+    up_m, down_mps = 80.0, 0.0
+    for tick in range(400):
+        boot_s = 100.0 + 0.1 * tick
+        wanted_mps = 6.0 if tick < 100 else 0.0
+        down_mps += max(-0.4, min(wanted_mps - down_mps, 0.4))
+        up_m -= 0.1 * down_mps
+        if tick % 10 == 0:
+            vehicle.heartbeat(hear_s(boot_s))
+        vehicle.sinks(hear_s(boot_s), boot_s, up_m, down_mps)
+        assert vehicle.state.crash == ""
+    return up_m
+
+
+@pytest.mark.parametrize("speed_up", [1.0, 5.0, 20.0])
+def test_a_braking_that_a_fast_simulation_squeezes_is_no_impact(speed_up: float) -> None:
+    quick_descent(Vehicle(), lambda boot_s: boot_s / speed_up)
+
+
+def test_a_braking_that_a_link_held_up_and_gave_out_at_once_is_no_impact() -> None:
+    quick_descent(Vehicle(), lambda boot_s: 114.0 if 108.0 < boot_s < 114.0 else boot_s)
+
+
+def crashed(up_m: float) -> Vehicle:
+    """What is taken for a wreck, at a height."""
+    vehicle = Vehicle()
+    vehicle.heartbeat(0.0)
+    vehicle.home(0.0)
+    vehicle.sinks(0.0, 100.0, up_m, 0.0)
+    vehicle.landed(0.0, mavlink.MAV_LANDED_STATE_IN_AIR)
+    vehicle.state.believe_crashed("fell")
+    return vehicle
+
+
+def test_a_wreck_flies_no_more_unless_it_seems_to_lie_high_over_home() -> None:
+    assert crashed(0.3).state.flies(1.0) is False
+    high = crashed(20.0)
+    assert high.state.flies(1.0) is True
+    high.heartbeat(1.0, armed=False)
+    assert high.state.flies(1.0) is False
+
+
+def test_what_was_taken_for_a_wreck_and_flies_on_is_none() -> None:
+    vehicle = crashed(20.0)
+    for tick in range(1, 50):
+        vehicle.sinks(0.1 * tick, 100.0 + 0.1 * tick, 20.0 - 0.05 * tick, 0.5)
+    assert vehicle.state.crash == ""
+    assert vehicle.state.flies(4.9) is True

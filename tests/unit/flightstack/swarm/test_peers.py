@@ -227,3 +227,30 @@ def test_a_restarted_agent_is_heard_by_its_peers(peers: Peers) -> None:
     peers.hear(12.0, msgspec.structs.replace(STATE, incarnation=2, phase=Phase.DISARMED))
     assert not peers.facts()[2].taking_part
     assert (peers.speaks(2, 1), peers.speaks(2, 2)) == (False, True)
+
+
+def test_a_drone_whose_agent_was_restarted_in_the_air_stays_an_obstacle_until_it_knows_more(
+    peers: Peers,
+) -> None:
+    peers.hear(10.0, STATE)
+    ignorant = msgspec.structs.replace(
+        STATE,
+        incarnation=2,
+        phase=Phase.DISARMED,
+        position_ned_m=None,
+        velocity_ned_mps=None,
+        armed=False,
+        airborne=False,
+    )
+    peers.hear(12.0, ignorant)
+    assert not peers.facts()[2].taking_part, "but it takes no part in the survey any more"
+    (neighbour,) = peers.neighbours(12.5)
+    assert (neighbour.airborne, neighbour.position_ned_m, neighbour.age_s) == (True, (1.0, 2.0, -10.0), 2.5)
+    knows = msgspec.structs.replace(
+        STATE, incarnation=2, sequence=2, phase=Phase.DISARMED, position_ned_m=(4.0, 2.0, -10.0)
+    )
+    peers.hear(13.0, knows)
+    (neighbour,) = peers.neighbours(13.5)
+    assert (neighbour.airborne, neighbour.position_ned_m, neighbour.age_s) == (True, (4.0, 2.0, -10.0), 0.5)
+    peers.hear(14.0, msgspec.structs.replace(knows, sequence=3, armed=False, airborne=False))
+    assert not peers.neighbours(14.0)[0].airborne

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from mission.documents.plan_file import (
     Plan,
     PlanItem,
+    parse_any,
     parse_plan,
     parse_waypoints,
     plan_text,
@@ -223,3 +224,10 @@ def test_no_text_ends_in_anything_but_a_plan_or_one_clear_line(text: str) -> Non
         except DocumentError as error:
             problem = str(error)
         assert "\n" not in problem
+
+
+def test_control_characters_of_a_file_are_visible_in_its_warnings() -> None:
+    document = json.loads((PLANS / "qgroundcontrol_sample.plan").read_text())
+    document["mission"]["items"][0]["aut\x7fContinue\x1b[31m"] = True
+    (warning,) = parse_any(json.dumps(document), "a.plan").warnings
+    assert "aut\\x7fContinue\\x1b[31m: not read" in warning

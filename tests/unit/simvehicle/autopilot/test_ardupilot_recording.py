@@ -112,7 +112,7 @@ def simulated() -> tuple[list[Said], list[tuple[float, Vector3]]]:
     """What our vehicle says to the recorded ground, and its track (local NED, every 0.2 s)."""
     config = FleetConfig(
         origin=Geodetic(-5.06, 151.3, 500.1),
-        # The wind pushed the real one over the line in spite of its avoidance; ours holds against it.
+        # The real one crossed the line with its avoidance on, we do not know how (wind is likely); ours would not.
         vehicles=(VehicleSpec(id=1, links=("udpout:127.0.0.1:9",), parameters={"AVOID_ENABLE": 0.0}),),
         ready_after_s=41.5,
         seed=5,

@@ -2,8 +2,8 @@
 
 The program's figures are those of one luck: which way its moths turned. Up to the first contact nothing is left to
 luck but where the drones start, so that the mean time to contact is the program's within one per cent. Afterwards the
-median time to the source of 500 seeds scatters, from luck to luck, by 3 to 6 % in the smooth and by 6 to 10 % in the
-perturbed plume.
+median time to the source of 500 seeds scatters, from luck to luck, by 3 to 6 % in the smooth and by 5 to 10 % in the
+perturbed plume: ten of the twelve means of lucks are within 10 % of the program's one, two are not.
 """
 
 from __future__ import annotations
@@ -113,6 +113,13 @@ SOURCE_S: list[tuple[MotionName, int, PlumeKind, float]] = [
 ]
 """Median time to the source over 500 seeds with one update a tick, over 400 with ten."""
 
+BEYOND: dict[tuple[MotionName, int, PlumeKind], float] = {
+    ("pd", 5, "perturbed"): 0.15,
+    ("pd", 10, "perturbed"): 0.2,
+}
+"""Where the mean of lucks is farther from the program's one luck than 10 %: by 11 and -16 %, which are 1.5 and 3
+deviations of one luck's median."""
+
 
 def medians_s(motion: MotionName, drones: int, plume: PlumeKind, lucks: int) -> list[float]:
     """The median of each luck."""
@@ -132,6 +139,5 @@ def test_the_source_is_found_when_it_is_in_the_program(
 def test_the_source_is_found_when_it_is_in_the_program_in_every_swarm(
     motion: MotionName, drones: int, plume: PlumeKind, program_s: float
 ) -> None:
-    """Tolerance 10 %, in the perturbed plume with one update a tick 20 %: the program had one luck of many."""
-    tolerance = 0.2 if (motion, plume) == ("pd", "perturbed") else 0.1
+    tolerance = BEYOND.get((motion, drones, plume), 0.1)
     assert np.mean(medians_s(motion, drones, plume, 8)) == pytest.approx(program_s, rel=tolerance)
