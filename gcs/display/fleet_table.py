@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Final
 
-from rich.console import Group, RenderableType
+from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
@@ -29,6 +30,8 @@ _PHASE_STYLES = {
     "crashed": "bold red",
 }
 _DASH = "–"
+_RULER: Final = Console(width=80)
+"""Only measures: rich wraps text for a console."""
 
 
 def fleet_table(rows: Sequence[DroneRow], alarms: Sequence[Alarm]) -> Table:
@@ -157,14 +160,20 @@ def screen(
     station: str | None,
     now_s: float,
     height: int,
+    width: int = 80,
 ) -> RenderableType:
-    """What `gcs watch` draws on a terminal of `height` lines: table, then alarms, then newest events."""
+    """What `gcs watch` draws on a terminal of `height` lines and `width` columns: table, then alarms, then newest
+    events. Alarms are whole where there is room: the place of a crash stands at the end of one."""
     lines: list[RenderableType] = [headline(swarm, rows, alarms, station), fleet_table(rows, alarms)]
     room = height - len(rows) - 3  # headline, table header, last line
     shown = list(alarms[: max(room - 2, 0)])
     if shown:
-        lines += [Text(""), *(_one_line(alarm_line(alarm, now_s)) for alarm in shown)]
-        room -= len(shown) + 1
+        texts = [alarm_line(alarm, now_s) for alarm in shown]
+        taken = sum(len(text.wrap(_RULER, width)) for text in texts)
+        if taken > room - 2:
+            texts, taken = [_one_line(text) for text in texts], len(shown)
+        lines += [Text(""), *texts]
+        room -= taken + 1
         if len(shown) < len(alarms):
             lines.append(Text(f"and {len(alarms) - len(shown)} more"))
             room -= 1

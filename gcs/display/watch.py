@@ -42,6 +42,7 @@ def watch(connection: Connection) -> None:
                         station=observer.station(now_s),
                         now_s=now_s,
                         height=console.size.height,
+                        width=console.size.width,
                     ),
                     refresh=True,
                 )

@@ -67,6 +67,8 @@ def _root(text: str, file: str) -> ElementTree.Element:
     try:
         _refuse_document_type(text, file)
         return ElementTree.fromstring(text)  # noqa: S314 (document types, and with them entities, are refused)
+    except DocumentError:  # a ValueError, too
+        raise
     except expat.ExpatError as error:
         raise DocumentError(file, f"not XML: {str(error).partition(':')[0]}", line=error.lineno) from error
     except (RecursionError, ValueError) as error:

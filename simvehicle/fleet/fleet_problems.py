@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from flightstack.transport.claims import clashes, link_claim
 from sensors.instruments.sensor_error import SensorError
 from simvehicle.faults.fault_table import FAULTS
 from simvehicle.fleet.fleet_config import FARTHEST_HOME_M, FleetConfig
@@ -42,6 +43,15 @@ def problems(config: FleetConfig) -> Iterator[FleetError]:
                 make_emulator(instrument.type, np.random.default_rng(0))
             except SensorError as error:
                 yield FleetError(f"{where}.type", str(error))
+    waiting = [
+        claim
+        for index, vehicle in enumerate(config.vehicles)
+        for place, link in enumerate(vehicle.links)
+        for claim in link_claim(f"vehicles[{index}].links[{place}]", link)
+        if claim.kind != "server"  # all vehicles may send to one place
+    ]
+    for field, problem in clashes(waiting):
+        yield FleetError(field, problem)
     for index, fault in enumerate(config.faults):
         where = f"faults[{index}]"
         target = next((vehicle for vehicle in config.vehicles if vehicle.id == fault.drone), None)

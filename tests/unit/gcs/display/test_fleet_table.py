@@ -11,7 +11,7 @@ from rich.console import Console
 from flightstack.swarm.wire import Event, GroundAlarm, GroundReport, Phase, Severity
 from gcs.connection import Connection
 from gcs.display.fleet_table import report, screen
-from gcs.fleet.monitor import Monitor
+from gcs.fleet.monitor import Alarm, Monitor
 from gcs.fleet.observe import Observer, Snapshot, to_json
 from gcs.fleet.view import FleetView
 from gcs.station_config import AlarmLimits
@@ -83,6 +83,18 @@ def test_a_taller_terminal_shows_alarms_and_events(twenty):
     assert len(lines) <= 40
     assert any(line.startswith("CRIT drone 7: agent silent") for line in lines)
     assert any("epoch 3: drone 7 lost" in line for line in lines)
+
+
+def test_a_long_alarm_is_whole_where_there_is_room(frame):
+    text = (
+        'crashed: the autopilot says "Crash: Disarming: AngErr=51>30, Accel=2.9<3.0", at 38.404012, 14.963012'
+    )
+    alarms = [Alarm(Severity.CRITICAL, drone, "crash", text, 0.0) for drone in range(1, 6)]
+    for height, whole in ((24, True), (9, False)):
+        lines = draw(screen("etna", [], alarms, [], station=None, now_s=30.0, height=height))
+        assert len(lines) <= height
+        assert max(map(len, lines)) <= 80
+        assert ("at 38.404012, 14.963012 (30 s)" in " ".join(lines)) == whole
 
 
 def test_alarms_that_do_not_fit_are_counted(twenty):

@@ -228,6 +228,13 @@ def test_a_web_page_in_a_description_is_no_document_type() -> None:
     assert plan.geofence.inclusion == (TRIANGLE,)
 
 
+def test_a_document_type_of_the_file_s_own_is_refused_with_its_line() -> None:
+    text = (CASES / "fence.kml").read_text().replace("?>", '?>\n<!DOCTYPE kml SYSTEM "x.dtd">', 1)
+    with pytest.raises(DocumentError) as caught:
+        parse_any(text, "a.kml")
+    assert str(caught.value).startswith("a.kml:2: a KML file has no document type of its own")
+
+
 def test_altitudes_of_areas_are_said_to_be_left_out() -> None:
     kml = (CASES / "fence.kml").read_text()
     geojson = (CASES / "fence.geojson").read_text()
