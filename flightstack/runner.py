@@ -16,6 +16,7 @@ from collections.abc import Callable
 import msgspec
 
 from flightstack.agent import Agent, AgentStatus, Inputs, Outputs, PeerMessage
+from flightstack.autopilot.telemetry import NO_HEARTBEAT, NO_HEARTBEAT_YET
 from flightstack.config import DroneConfig
 from flightstack.deadlines import Deadlines
 from flightstack.recording.agent_recording import AgentRecording
@@ -159,11 +160,13 @@ class Runner:
         running_s = self._real_s() - self._started_s
         self._answered = self._answered or status.connected
         if not self._answered and running_s > self._config.autopilot.answer_timeout_s:
+            # By now it is no matter of waiting for the first.
+            why = NO_HEARTBEAT if status.waiting_for == NO_HEARTBEAT_YET else status.waiting_for
             raise fault_of(
                 self._file,
                 "autopilot.link",
                 f"no autopilot with system id {drone} answers: "
-                f"{link.problem or self._config.autopilot.link}; {status.waiting_for}",
+                f"{link.problem or self._config.autopilot.link}; {why}",
             )
         if status.comes_second and running_s < TWIN_S and not status.airborne:
             raise fault_of(

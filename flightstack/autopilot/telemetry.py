@@ -25,6 +25,8 @@ from mission.geometry.frames import LocalFrame, Vector3, wind_from
 
 FIRST_HEARTBEAT_S = 3.0
 """Heartbeats come once a second: so long after the start their absence means nothing."""
+NO_HEARTBEAT_YET = "no heartbeat of the autopilot yet"
+NO_HEARTBEAT = "no heartbeat of the autopilot: check the cable, the baud rate and autopilot.link"
 PREARM_ROUND_S = 5.0
 """ArduPilot tells what keeps it from arming every 30 s, all of it at once."""
 MOVING_AIR_MPS = 0.01
@@ -177,8 +179,8 @@ class Telemetry(VehicleState):
             if self._unfit is not None and not self._chosen and now_s - self._unfit[1] < HEARTBEAT_LOST_S:
                 return self._unfit[0]
             if self._listening_since_s is not None and now_s - self._listening_since_s < FIRST_HEARTBEAT_S:
-                return "no heartbeat of the autopilot yet"
-            return "no heartbeat of the autopilot: check the cable, the baud rate and autopilot.link"
+                return NO_HEARTBEAT_YET
+            return NO_HEARTBEAT
         if not self._is_copter:
             return f"vehicle type {self.vehicle_type} (MAV_TYPE) is not a multicopter or helicopter"
         if self.flavour is Flavour.UNKNOWN:
