@@ -15,7 +15,7 @@ from mission.documents.printable import printable
 
 PART_LENGTH: Final = 50
 PATIENCE_S: Final = 1.0
-"""How long to wait for the next part of a text; what has come is then given out with a mark where it has holes."""
+"""How long to wait for another part of a text; what has come is then given out with a mark where it has holes."""
 OPEN_AT_MOST: Final = 16
 """Texts that wait for parts at a time."""
 MISSING: Final = "[part missing]"
@@ -86,8 +86,9 @@ class TextAssembler:
             known = self._open[identity] = _OpenText(severity)
             if len(self._open) > OPEN_AT_MOST:
                 given_up.append(self._open.pop(next(iter(self._open))).status())
-        known.parts[part] = raw
-        known.newest_s = now_s
+        if part not in known.parts:  # one that comes twice, by two links say, brings the others no nearer
+            known.parts[part] = raw
+            known.newest_s = now_s
         known.severity = min(known.severity, severity)
         return [*given_up, self._open.pop(identity).status()] if known.is_whole() else given_up
 

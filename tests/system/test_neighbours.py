@@ -163,7 +163,7 @@ def test_a_station_sees_its_drone_fly_whatever_else_is_on_its_link(site: Site, n
         status = site.until(lambda status: codes(status) >= {"foreign", "station:system"})
         assert flies_on(status)
         assert row(status, 251)["mode"] == "GUIDED"
-    status = site.until(lambda status: not codes(status))
+    status = site.until(lambda status: not codes(status) and not row(status, 251))
     assert [drone["drone"] for drone in status["drones"]] == [1]
     assert "lost" not in site.log("station")
 

@@ -152,3 +152,14 @@ def test_whatever_comes_is_bounded_and_visible(messages: list[tuple[str, int, in
     waiting = assembler.expire(5.0)
     assert len(waiting) <= OPEN_AT_MOST
     assert all(t.text.isprintable() for t in [*found, *waiting])
+
+
+def test_a_part_that_is_said_again_and_again_does_not_keep_its_text_back():
+    assembler = TextAssembler()
+    told = []
+    for tick in range(20):
+        now_s = 0.2 * tick
+        told += assembler.expire(now_s)
+        told += assembler.add(now_s, 4, "B" * 50, 8, 0)
+    assert {text.text for text in told} == {"B" * 50 + " [part missing]"}
+    assert len(told) == 3
