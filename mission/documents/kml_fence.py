@@ -71,7 +71,7 @@ def _root(text: str, file: str) -> ElementTree.Element:
         raise
     except expat.ExpatError as error:
         raise DocumentError(file, f"not XML: {str(error).partition(':')[0]}", line=error.lineno) from error
-    except (RecursionError, ValueError) as error:
+    except (ElementTree.ParseError, RecursionError, ValueError) as error:
         raise DocumentError(file, f"not XML that can be read: {error}") from error
 
 

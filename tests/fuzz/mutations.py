@@ -281,7 +281,8 @@ def structure(rng: random.Random, document: Any) -> Any:
 
 
 def _nested(rng: random.Random, value: Any) -> Any:
-    for _ in range(rng.choice((1, 2, 30, 400))):
+    # The deepest is more than a reader takes, and little enough to be copied when it comes three times.
+    for _ in range(rng.choice((1, 2, 30, 102))):
         value = [value] if rng.random() < 0.5 else {"items": value}
     return value
 

@@ -336,3 +336,8 @@ def test_old_rally_points() -> None:
     plan = parse_any("RALLY 47.3981\t8.5452\t30.0\t5.0\t0.0\t0\n", "a.ral")
     assert (plan.rally, plan.holds) == ((Geodetic(47.3981, 8.5452, 30.0),), ("rally",))
     assert "for planes" in plan.warnings[0]
+
+
+def test_a_name_space_that_the_parser_cannot_hold_is_told() -> None:
+    with pytest.raises(DocumentError, match="not XML that can be read"):
+        parse_any('<kml xmlns="http://www.opengis.net/}kml/2.2"></kml>', "a.kml")
