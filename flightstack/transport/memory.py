@@ -161,6 +161,7 @@ class MemoryRadio:
         self._special: dict[tuple[str, str], Conditions] = {}
         self._cuts: dict[str, frozenset[str]] = {}
         self._off: set[str] = set()
+        self._unheard: set[tuple[str, str]] = set()
         self._order = itertools.count()
         self._in_flight: list[tuple[float, int, str, Received]] = []
 
@@ -216,6 +217,13 @@ class MemoryRadio:
     def switch_on(self, node: int | str) -> None:
         self._off.discard(str(node))
 
+    def block(self, sender: int | str, receiver: int | str) -> None:
+        """One way: `receiver` does not hear `sender`, until `unblock`; the other direction stays as it is."""
+        self._unheard.add((str(sender), str(receiver)))
+
+    def unblock(self, sender: int | str, receiver: int | str) -> None:
+        self._unheard.discard((str(sender), str(receiver)))
+
     # -- traffic -------------------------------------------------------------------------------------------------
 
     def send(self, sender: str, topic: Topic, payload: bytes) -> None:
@@ -251,10 +259,10 @@ class MemoryRadio:
     @property
     def _undisturbed(self) -> bool:
         """Everybody hears everybody, and nobody need be asked about whom."""
-        return not self._off and not self._cuts and self.range_m is None
+        return not (self._off or self._cuts or self._unheard) and self.range_m is None
 
     def _connected(self, sender: str, receiver: str) -> bool:
-        if sender in self._off or receiver in self._off:
+        if sender in self._off or receiver in self._off or (sender, receiver) in self._unheard:
             return False
         if self._cuts and any((sender in group) != (receiver in group) for group in self._cuts.values()):
             return False

@@ -36,6 +36,10 @@ from simvehicle.world.configured import make_world
 
 TICK_S = 0.1
 GROUND = "ground"
+_INCARNATIONS = 1000
+"""More than there are drones: no two agents of a flight have one incarnation."""
+_SOCKET_BYTES = 212_992
+"""What a socket holds for a process that does not read, Linux' `rmem_default`: later bytes are lost."""
 
 
 @dataclasses.dataclass
@@ -53,6 +57,18 @@ class Member:
     """What the agent said in its last tick: the vehicle hears it in the next step."""
     open_ports: set[str] = dataclasses.field(default_factory=set)
     """The instruments that the agent knows to be there."""
+    frozen: bool = False
+    """Whether the agent stands still, as a process does that gets no time."""
+    missed: list[DroneBytes] = dataclasses.field(default_factory=list)
+    """What a frozen agent's sockets hold for it."""
+    clock_ahead_s: float = 0.0
+    """Of the agent's clock before everybody's."""
+    starts: int = 1
+    """How often the agent was started."""
+
+    @property
+    def runs(self) -> bool:
+        return self.alive and not self.frozen
 
 
 class Scenario:
@@ -112,6 +128,25 @@ class Scenario:
         """The agent dies as by kill -9; its vehicle flies on by itself."""
         self.members[drone].alive = False
 
+    def start_again(self, drone: int) -> None:
+        """The agent of a drone starts anew, with a new incarnation and without any memory."""
+        member = self.members[drone]
+        member.transport.close()
+        member.transport = self.radio.join(str(drone))
+        member.agent = Agent(member.config, incarnation=drone + _INCARNATIONS * member.starts)
+        member.starts += 1
+        member.open_ports.clear()
+        member.missed.clear()
+        member.heard = NOTHING
+        member.alive, member.frozen = True, False
+
+    def freeze(self, drone: int) -> None:
+        """The agent stands still as by SIGSTOP: the radio and the autopilot's socket hold what comes meanwhile."""
+        self.members[drone].frozen = True
+
+    def thaw(self, drone: int) -> None:
+        self.members[drone].frozen = False
+
     def unplug(self, drone: int, instrument: str) -> None:
         self.members[drone].drone.set_plugged(instrument, False)
 
@@ -151,8 +186,10 @@ class Scenario:
             self.radio.place(drone, member.vehicle.position_ned_m)
         self.radio.step(self.now_s)
         for drone, member in self.members.items():
-            if member.alive:
-                self._tick(member, said[drone])
+            if member.runs:
+                self._tick(member, _with_missed(member, said[drone]))
+            elif member.alive:
+                member.missed.append(said[drone])
         self._listen()
         if self._ground_watches and self.now_s >= self._traffic_due_s:
             self._traffic_due_s = self.now_s + 0.25
@@ -163,7 +200,7 @@ class Scenario:
         data = b"".join(data for link, data in said.links if link == 0)
         peers = tuple(PeerMessage(r.topic.name, r.sender, r.payload) for r in member.transport.receive())
         inputs = Inputs(data, tuple(_ports(member, said)), peers, 0)
-        outputs = member.agent.step(self.now_s, inputs)
+        outputs = member.agent.step(self.now_s + member.clock_ahead_s, inputs)
         if self.tap is not None:
             self.tap(member.config.drone, self.now_s, inputs, outputs)
         member.heard = DroneBytes(((0, outputs.autopilot),), tuple(outputs.ports))
@@ -190,7 +227,7 @@ class Scenario:
                 drone, m.vehicle.position_ned_m, m.vehicle.velocity_ned_mps, 0.1, m.vehicle.airborne
             )
             for drone, m in self.members.items()
-            if not m.alive
+            if not m.runs
         )
         if orphans:
             traffic = Traffic(GROUND, self.world.frame.identity, orphans)
@@ -216,3 +253,21 @@ def _ports(member: Member, said: DroneBytes) -> Iterator[PortInput]:
             yield PortInput(name, lost="unplugged")
         if name in data:
             yield PortInput(name, data[name])
+
+
+def _with_missed(member: Member, said: DroneBytes) -> DroneBytes:
+    """What an agent reads that was frozen: first what its sockets held, as far as they could."""
+    if not member.missed:
+        return said
+    links: list[tuple[int, bytes]] = []
+    instruments: dict[str, bytes] = {}
+    held = 0
+    for piece in (*member.missed, said):
+        for index, data in piece.links:
+            if index == 0 and held + len(data) <= _SOCKET_BYTES:
+                held += len(data)
+                links.append((index, data))
+        for name, data in piece.instruments:
+            instruments[name] = instruments.get(name, b"") + data
+    member.missed.clear()
+    return DroneBytes(tuple(links), tuple((name, data[:_SOCKET_BYTES]) for name, data in instruments.items()))

@@ -145,6 +145,14 @@ def parse_survey(
         seed=config.seed if seed is None else seed,
         faults=(*config.faults, *extra_faults),
     )
+    return check(config, text, file, extra_faults=extra_faults)
+
+
+def check(config: SurveyConfig, text: str, file: str, *, extra_faults: tuple[FaultSpec, ...] = ()) -> Survey:
+    """What was read from `text` as a survey that can be flown; `DocumentError` for one that cannot.
+
+    `extra_faults`: those of `config` that the command line added.
+    """
     return _Checks(file, text, config, extra_faults).run()
 
 
