@@ -191,7 +191,6 @@ class MemoryRadio:
         self._order = itertools.count()
         self._in_flight: list[tuple[float, int, str, Received]] = []
         self._model = model
-        self._places_matter = model.link_budget is not None or bool(model.ridges)
         self._queues: dict[str, TransmitQueue] = {}
         """What each node has still to send, where bandwidth is limited; also of a node that has left since."""
         for sender, receiver in model.dead_links:
@@ -291,10 +290,14 @@ class MemoryRadio:
         return {other for other in self._nodes if other != node and self._connected(other, node)}
 
     @property
+    def _places_matter(self) -> bool:
+        return self.range_m is not None or self._model.link_budget is not None or bool(self._model.ridges)
+
+    @property
     def _undisturbed(self) -> bool:
         """Everybody hears everybody, and nobody need be asked about whom."""
         faults = self._off or self._cuts or self._unheard
-        return not faults and self.range_m is None and not self._places_matter
+        return not faults and not self._places_matter
 
     def _connected(self, sender: str, receiver: str) -> bool:
         return self._works(sender, receiver) and self._loss_on_the_way(sender, receiver) < 1.0
@@ -307,7 +310,7 @@ class MemoryRadio:
 
     def _loss_on_the_way(self, sender: str, receiver: str) -> float:
         """Probability that where the two are costs a message; 1: out of reach. Who has no place is near everybody."""
-        if self.range_m is None and not self._places_matter:
+        if not self._places_matter:
             return 0.0
         if sender not in self._positions or receiver not in self._positions:
             return 0.0
@@ -318,15 +321,18 @@ class MemoryRadio:
 
     def _launch(self, now_s: float, receiver: str, message: Received) -> None:
         """A message leaves its sender at `now_s`."""
-        pair = (message.sender, receiver)
-        lost: float | None = self._loss_on_the_way(*pair)
-        if self._model.link_budget is None:
-            if lost == 1.0:
-                return
-            lost = None
+        sender = message.sender
+        pair = (sender, receiver)
+        lost: float | None = None
+        if self._places_matter:
+            lost = self._loss_on_the_way(sender, receiver)
+            if self._model.link_budget is None:
+                if lost == 1.0:
+                    return
+                lost = None
         link = self._links.get(pair)
         if link is None:
-            link = self._links[pair] = LossyLink(self._seed, *pair)
+            link = self._links[pair] = LossyLink(self._seed, sender, receiver)
         conditions = self._special.get(pair, self.conditions)
         for due_s in link.arrivals_s(now_s, conditions, message.topic.delivery, lost):
             heapq.heappush(self._in_flight, (due_s, next(self._order), receiver, message))
