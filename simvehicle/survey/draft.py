@@ -15,7 +15,10 @@ from flightstack.config import (
     InstrumentConfig,
     SharedClockConfig,
     SwarmConfig,
+    TlsConfig,
 )
+from flightstack.transport.access_rules import common_name
+from gcs.keys.bundles import AUTHORITY
 from gcs.station_config import AlarmLimits, GroundConfig, MavlinkConfig
 from simvehicle.drone.drone_spec import EmulatedInstrument, VehicleSpec
 from simvehicle.fleet.fleet_config import FleetConfig
@@ -32,11 +35,15 @@ GROUND_STATION = "ground"
 """The ground station's name among the nodes of the swarm."""
 
 
+STATIONS = (GROUND_STATION, LAUNCHER)
+"""Who may command: the ground station, and we in its operator's place."""
+
+
 class DroneAddresses(msgspec.Struct, frozen=True):
     """Where one drone's parts meet."""
 
     endpoint: str
-    """Where its agent listens for the swarm's other nodes, as zenoh writes it: "tcp/HOST:PORT"."""
+    """Where its agent listens for the swarm's other nodes, as zenoh writes it: "tcp/HOST:PORT", or "tls/…"."""
     companion: str
     """"HOST:PORT" (UDP) at which its agent hears its autopilot."""
     instruments: tuple[str, ...]
@@ -54,6 +61,8 @@ class Addresses(msgspec.Struct, frozen=True):
     """In the survey's order."""
     directory: pathlib.Path | None = None
     """For the shared clock, the world's record and the recordings; None: nothing is shared or recorded."""
+    keys: pathlib.Path | None = None
+    """Where each node's keys are, in a directory of its name; None: the swarm's network is not encrypted."""
 
 
 class Draft(msgspec.Struct, frozen=True):
@@ -62,6 +71,8 @@ class Draft(msgspec.Struct, frozen=True):
     fleet: FleetConfig
     drones: tuple[DroneConfig, ...]
     ground: GroundConfig
+    launcher_tls: TlsConfig | None = None
+    """What we show to the others ourselves."""
 
     @property
     def endpoints(self) -> tuple[str, ...]:
@@ -100,15 +111,17 @@ def numbered(
     tcp_ports: Iterable[int],
     udp_ports: Iterable[int],
     directory: pathlib.Path | None = None,
+    keys: pathlib.Path | None = None,
 ) -> Addresses:
     """Addresses on one host, with ports as they come."""
+    scheme = "tcp" if keys is None else "tls"
     tcp, udp = (map(f"{host}:{{}}".format, ports) for ports in (tcp_ports, udp_ports))
-    ground_endpoint, ground_mavlink = f"tcp/{next(tcp)}", next(udp)
+    ground_endpoint, ground_mavlink = f"{scheme}/{next(tcp)}", next(udp)
     drones = tuple(
-        DroneAddresses(f"tcp/{next(tcp)}", next(udp), tuple(next(tcp) for _ in drone.instruments or ()))
+        DroneAddresses(f"{scheme}/{next(tcp)}", next(udp), tuple(next(tcp) for _ in drone.instruments or ()))
         for drone in survey.drones
     )
-    return Addresses(ground_endpoint, ground_mavlink, drones, directory)
+    return Addresses(ground_endpoint, ground_mavlink, drones, directory, keys)
 
 
 def in_process(survey: Survey) -> Addresses:
@@ -136,7 +149,12 @@ def draft(survey: Survey, addresses: Addresses) -> Draft:
         clock=clock,
         truth=None if directory is None else str(truth_file(directory)),
     )
-    return Draft(fleet, tuple(_drones(survey, addresses, clock)), _ground(survey, addresses, clock))
+    return Draft(
+        fleet,
+        tuple(_drones(survey, addresses, clock)),
+        _ground(survey, addresses, clock),
+        _tls(addresses.keys, LAUNCHER),
+    )
 
 
 def _vehicle(drone: SurveyDrone, own: DroneAddresses, ground_mavlink: str) -> VehicleSpec:
@@ -163,7 +181,11 @@ def _drones(survey: Survey, addresses: Addresses, clock: str | None) -> Iterator
         one = DroneConfig(
             drone=drone.id,
             swarm=SwarmConfig(
-                name=config.name, members=members, listen=(own.endpoint,), connect=tuple(others)
+                name=config.name,
+                members=members,
+                listen=(own.endpoint,),
+                connect=tuple(others),
+                tls=_tls(addresses.keys, common_name(drone.id)),
             ),
             origin=config.origin,
             autopilot=AutopilotConfig(
@@ -198,6 +220,7 @@ def _ground(survey: Survey, addresses: Addresses, clock: str | None) -> GroundCo
             name=config.name,
             members=tuple(drone.id for drone in survey.drones),
             listen=(addresses.ground_endpoint,),
+            tls=_tls(addresses.keys, GROUND_STATION),
         ),
         origin=config.origin,
         mavlink=MavlinkConfig(links=(f"udpin:{addresses.ground_mavlink}",)),
@@ -211,6 +234,19 @@ def _ground(survey: Survey, addresses: Addresses, clock: str | None) -> GroundCo
         speedup=config.speedup,
     )
     return ground if directory is None else msgspec.structs.replace(ground, record_to=str(directory))
+
+
+def _tls(keys: pathlib.Path | None, node: str) -> TlsConfig | None:
+    """What the node of this name in its certificate shows to the others, and which stations it listens to."""
+    if keys is None:
+        return None
+    own = keys / node
+    return TlsConfig(
+        authority=str(own / f"{AUTHORITY}.pem"),
+        certificate=str(own / f"{node}.pem"),
+        private_key=str(own / f"{node}.key"),
+        stations=STATIONS,
+    )
 
 
 def _failsafe_parameters(survey: Survey, drone: SurveyDrone, index: int) -> dict[str, float]:

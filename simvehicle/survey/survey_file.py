@@ -120,13 +120,16 @@ def load(
     *,
     speedup: float | None = None,
     seed: int | None = None,
+    drones: int | None = None,
     extra_faults: tuple[FaultSpec, ...] = (),
 ) -> Survey:
     """Read and check a survey file; the options are what the command line gives instead or on top.
 
     `DocumentError` says in one line what is wrong, where, and how to mend it.
     """
-    return parse_survey(read_text(path), str(path), speedup=speedup, seed=seed, extra_faults=extra_faults)
+    return parse_survey(
+        read_text(path), str(path), speedup=speedup, seed=seed, drones=drones, extra_faults=extra_faults
+    )
 
 
 def parse_survey(
@@ -135,10 +138,16 @@ def parse_survey(
     *,
     speedup: float | None = None,
     seed: int | None = None,
+    drones: int | None = None,
     extra_faults: tuple[FaultSpec, ...] = (),
 ) -> Survey:
     """As `load`, from the text; `file` stands in the errors, and a fence's own file is looked for beside it."""
     config = parse(text, SurveyConfig, file)
+    if drones is not None and config.drones:
+        raise DocumentError(f"--drones {drones}", f"{file} lists its drones; give it a launch_line instead")
+    if drones is not None and config.launch_line is not None:
+        line = msgspec.structs.replace(config.launch_line, count=drones)
+        config = msgspec.structs.replace(config, launch_line=line)
     config = msgspec.structs.replace(
         config,
         speedup=config.speedup if speedup is None else speedup,

@@ -12,10 +12,12 @@ import pytest
 
 from flightstack.config_file import load as load_drone
 from flightstack.recording.shared_clock import ClockCells
+from flightstack.transport.certificates import check_certificates
 from gcs.station_config import load as load_ground
 from mission.documents.yaml_file import DocumentError, parse
 from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.survey import launch
+from simvehicle.survey.draft import LAUNCHER
 from simvehicle.survey.ports import free_ports
 from simvehicle.survey.survey_file import load
 
@@ -66,6 +68,16 @@ def test_every_part_can_read_its_file(tmp_path: pathlib.Path) -> None:
     clock = ClockCells(prepared.clock)
     assert len(clock.values) == 1 + 1 + len(plan.drones) + 1, "the time, ground station, agents, launcher"
     clock.close()
+
+
+def test_every_part_believes_the_keys_that_it_is_given(tmp_path: pathlib.Path) -> None:
+    survey = load(EXAMPLES / "survey.yaml", drones=2)
+    prepared = launch.prepare(survey, tmp_path, tls=True)
+    assert load_ground(tmp_path / "ground.yaml") == prepared.draft.ground
+    for spec in prepared.draft.drones:
+        assert load_drone(tmp_path / f"drone-{spec.drone}.yaml") == spec
+    assert prepared.draft.launcher_tls is not None
+    check_certificates(prepared.draft.launcher_tls, LAUNCHER)
 
 
 def test_each_survey_gets_a_directory_of_its_own(tmp_path: pathlib.Path) -> None:

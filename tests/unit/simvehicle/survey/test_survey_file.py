@@ -54,6 +54,22 @@ def test_the_command_line_wins_over_the_file() -> None:
     assert (survey.config.speedup, survey.config.seed, survey.config.faults) == (2.0, 9, (fault,))
 
 
+def test_more_drones_than_the_file_says_stand_on_its_launch_line() -> None:
+    survey = load(EXAMPLES / "survey.yaml", drones=9)
+    assert [drone.id for drone in survey.drones] == list(range(1, 10))
+    assert survey.drones[4].home_north_m == survey.drones[4].home_east_m == 0.0
+
+
+def test_a_file_that_lists_its_drones_has_no_other_number_of_them(tmp_path: pathlib.Path) -> None:
+    head, _, rest = GOOD.partition("launch_line:")
+    path = tmp_path / "survey.yaml"
+    path.write_text(head + "drones: [{id: 1}]\n" + rest[rest.index("formation:") :], encoding="utf-8")
+    with pytest.raises(
+        DocumentError, match=r"^--drones 9: .*lists its drones; give it a launch_line instead$"
+    ):
+        load(path, drones=9)
+
+
 def test_a_file_that_is_not_there() -> None:
     with pytest.raises(DocumentError, match=r"^no/such\.yaml: cannot be read: No such file or directory$"):
         load("no/such.yaml")
