@@ -45,6 +45,10 @@ def fly(
     seed: Annotated[
         int | None, typer.Option(min=0, help="Of wind, noise and strategy; instead of the file's.")
     ] = None,
+    radio_loss: Annotated[
+        float | None,
+        typer.Option(min=0.0, max=90.0, help="Per cent of the swarm's messages lost; instead of the file's."),
+    ] = None,
     tls: Annotated[
         bool, typer.Option("--tls", help="Encrypt the swarm's messages, with keys made for this survey.")
     ] = False,
@@ -71,7 +75,14 @@ def fly(
         faults = tuple(parse_fault(text) for text in fault or ())
         kills = tuple(parse_kill(text) for text in kill or ())
         freezes = parse_freezes(freeze or (), unfreeze or ())
-        loaded = load(survey, speedup=speedup, seed=seed, drones=drones, extra_faults=faults)
+        loaded = load(
+            survey,
+            speedup=speedup,
+            seed=seed,
+            drones=drones,
+            radio_loss=None if radio_loss is None else radio_loss / 100.0,
+            extra_faults=faults,
+        )
         for warning in loaded.warnings:
             typer.echo(f"warning: {warning}", err=True)
         flown = conduct.fly(loaded, out=out, kills=kills, freezes=freezes, tls=tls)

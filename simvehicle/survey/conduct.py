@@ -75,6 +75,7 @@ def fly(
         end = _conduct(survey, prepared, processes, interrupts, kills, freezes)
         stubborn = processes.stop()
     prepared.clock.unlink(missing_ok=True)
+    prepared.places.unlink(missing_ok=True)
     log = end.watch.log()
     flown = summary.summarise(
         survey.config.name,

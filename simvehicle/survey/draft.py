@@ -18,11 +18,13 @@ from flightstack.config import (
     TlsConfig,
 )
 from flightstack.transport.access_rules import common_name
+from flightstack.transport.radio_model import RadioModel
+from flightstack.transport.shared_radio import SharedRadio
 from gcs.keys.bundles import AUTHORITY
 from gcs.station_config import AlarmLimits, GroundConfig, MavlinkConfig
 from simvehicle.drone.drone_spec import EmulatedInstrument, VehicleSpec
 from simvehicle.fleet.fleet_config import FleetConfig
-from simvehicle.survey.survey_file import Survey, SurveyDrone
+from simvehicle.survey.survey_file import GROUND_STATION, Survey, SurveyDrone
 from simvehicle.vehicle.dynamics import DRAG_PER_S
 
 AGENT_START_WALL_S = 60.0
@@ -31,10 +33,6 @@ VEHICLES = "vehicles"
 GROUND = "ground"
 LAUNCHER = "launcher"
 """Our name among the nodes of the swarm and among the followers of the clock."""
-GROUND_STATION = "ground"
-"""The ground station's name among the nodes of the swarm."""
-
-
 STATIONS = (GROUND_STATION, LAUNCHER)
 """Who may command: the ground station, and we in its operator's place."""
 
@@ -71,6 +69,8 @@ class Draft(msgspec.Struct, frozen=True):
     fleet: FleetConfig
     drones: tuple[DroneConfig, ...]
     ground: GroundConfig
+    radio: SharedRadio | None = None
+    """What the nodes hear of each other; None: everything."""
     launcher_tls: TlsConfig | None = None
     """What we show to the others ourselves."""
 
@@ -92,6 +92,16 @@ def agent_name(drone: int) -> str:
 
 def clock_file(directory: pathlib.Path) -> pathlib.Path:
     return directory / "clock"
+
+
+def radio_file(directory: pathlib.Path) -> pathlib.Path:
+    """Of how good the radio between the nodes is."""
+    return directory / "radio.yaml"
+
+
+def places_file(directory: pathlib.Path) -> pathlib.Path:
+    """Of where the nodes are, for their radio."""
+    return directory / "places"
 
 
 def truth_file(directory: pathlib.Path) -> pathlib.Path:
@@ -133,6 +143,8 @@ def draft(survey: Survey, addresses: Addresses) -> Draft:
     """The configurations of the vehicles, of every drone's agent and of the ground station."""
     config, directory = survey.config, addresses.directory
     clock = None if directory is None else str(clock_file(directory))
+    radio = None if directory is None else _radio(survey, directory)
+    radio_path = None if directory is None or radio is None else str(radio_file(directory))
     fleet = FleetConfig(
         origin=config.origin,
         vehicles=tuple(
@@ -147,13 +159,28 @@ def draft(survey: Survey, addresses: Addresses) -> Draft:
         ready_after_s=config.ready_after_s,
         faults=config.faults,
         clock=clock,
+        places=None if radio is None else radio.places,
         truth=None if directory is None else str(truth_file(directory)),
     )
     return Draft(
         fleet,
-        tuple(_drones(survey, addresses, clock)),
-        _ground(survey, addresses, clock),
+        tuple(_drones(survey, addresses, clock, radio_path)),
+        _ground(survey, addresses, clock, radio_path),
+        radio,
         _tls(addresses.keys, LAUNCHER),
+    )
+
+
+def _radio(survey: Survey, directory: pathlib.Path) -> SharedRadio | None:
+    config = survey.config
+    if config.radio == RadioModel():
+        return None
+    placed: tuple[int | str, ...] = tuple(drone.id for drone in survey.drones)
+    if config.ground_ned_m is not None:
+        placed = (*placed, GROUND_STATION)
+    places = str(places_file(directory)) if config.radio.places_matter else None
+    return SharedRadio(
+        model=config.radio, seed=config.seed, places=places, placed=placed if places is not None else ()
     )
 
 
@@ -173,7 +200,9 @@ def _vehicle(drone: SurveyDrone, own: DroneAddresses, ground_mavlink: str) -> Ve
     )
 
 
-def _drones(survey: Survey, addresses: Addresses, clock: str | None) -> Iterator[DroneConfig]:
+def _drones(
+    survey: Survey, addresses: Addresses, clock: str | None, radio: str | None
+) -> Iterator[DroneConfig]:
     config, directory = survey.config, addresses.directory
     members = tuple(drone.id for drone in survey.drones)
     others = [addresses.ground_endpoint]
@@ -207,12 +236,12 @@ def _drones(survey: Survey, addresses: Addresses, clock: str | None) -> Iterator
             clock=None if clock is None else SharedClockConfig(file=clock, slot=2 + index),
         )
         if directory is not None:
-            one = msgspec.structs.replace(one, record_to=str(directory / agent_name(drone.id)))
+            one = msgspec.structs.replace(one, record_to=str(directory / agent_name(drone.id)), radio=radio)
         yield one
         others.append(own.endpoint)
 
 
-def _ground(survey: Survey, addresses: Addresses, clock: str | None) -> GroundConfig:
+def _ground(survey: Survey, addresses: Addresses, clock: str | None, radio: str | None) -> GroundConfig:
     config, directory = survey.config, addresses.directory
     ground = GroundConfig(
         station=GROUND_STATION,
@@ -233,7 +262,9 @@ def _ground(survey: Survey, addresses: Addresses, clock: str | None) -> GroundCo
         clock=None if clock is None else SharedClockConfig(file=clock, slot=1),
         speedup=config.speedup,
     )
-    return ground if directory is None else msgspec.structs.replace(ground, record_to=str(directory))
+    if directory is None:
+        return ground
+    return msgspec.structs.replace(ground, record_to=str(directory), radio=radio)
 
 
 def _tls(keys: pathlib.Path | None, node: str) -> TlsConfig | None:
