@@ -118,7 +118,7 @@ class Layout(abc.ABC):
         if drones < 1:
             return [f"a formation needs at least 1 drone, not {drones}"]
         found = []
-        # What would do is told from the same layout spaced 1 m: a tiny or huge spacing has distances of 0 or infinity.
+        # What would do is told from the same layout spaced 1 m: a tiny spacing has distances of 0.
         unit = dataclasses.replace(self, spacing_m=1.0)
         reach_m = self.spacing_m if radio_range_m is None else radio_range_m
         link_m = self.longest_link_m(drones)

@@ -32,13 +32,13 @@ def run(
 
     result = fly_scenario(load_scenario(file))
     text = "".join(f"{line}\n" for line in result.transcript)
+    typer.echo(msgspec.json.encode(result).decode() if as_json else text, nl=as_json)
     if transcript is not None:
         try:
             transcript.write_text(text, encoding="utf-8")
         except OSError as error:
             problem = f"cannot be written: {error.strerror}; name another file"
             raise DocumentError(str(transcript), problem) from error
-    typer.echo(msgspec.json.encode(result).decode() if as_json else text, nl=as_json)
     raise typer.Exit(1 if result.violations else 0)
 
 

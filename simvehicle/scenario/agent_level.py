@@ -6,7 +6,6 @@ from typing import Final
 
 from flightstack.agent import Inputs, Outputs
 from flightstack.swarm.wire import CommandName
-from flightstack.transport.memory import Conditions, MemoryRadio
 from simvehicle.faults.schedule import SwarmFaultSchedule, Timetable
 from simvehicle.scenario.afflicted_swarm import AfflictedSwarm
 from simvehicle.scenario.ground_keeper import GroundKeeper
@@ -31,11 +30,7 @@ class AgentFlight:
     def __init__(self, scenario: FlownScenario) -> None:
         config = scenario.config
         parts = draft(scenario.survey, in_process(scenario.survey))
-        radio = config.radio
-        conditions = Conditions(loss=radio.loss, delay_s=radio.delay_s, jitter_s=radio.jitter_s)
-        self.flight = Scenario(
-            parts.drones, parts.fleet, MemoryRadio(config.seed, conditions, range_m=radio.range_m)
-        )
+        self.flight = Scenario(parts.drones, parts.fleet, config.radio, ground_ned_m=config.ground_ned_m)
         self._config = config
         self._swarm = AfflictedSwarm(self.flight)
         self._faults = SwarmFaultSchedule(config.swarm_faults)

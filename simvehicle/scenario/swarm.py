@@ -27,6 +27,7 @@ from flightstack.swarm.wire import (
     TreeState,
 )
 from flightstack.transport.memory import MemoryRadio, MemoryTransport
+from flightstack.transport.radio_model import RadioModel
 from mission.geometry.frames import Vector3
 from simvehicle.drone.drones import NOTHING, Drone, DroneBytes, SimulatedDrones
 from simvehicle.drone.simulated_vehicle import SimulatedVehicle
@@ -78,11 +79,13 @@ class Scenario:
         self,
         drones: Sequence[DroneConfig],
         fleet: FleetConfig,
-        radio: MemoryRadio | None = None,
+        radio: MemoryRadio | RadioModel | None = None,
         *,
         ground_watches: bool = True,
+        ground_ned_m: Vector3 | None = None,
     ) -> None:
-        """`ground_watches`: a ground station tells the swarm where vehicles without agents are.
+        """`ground_watches`: a ground station tells the swarm where vehicles without agents are. Its radio stands at
+        `ground_ned_m`; None: it reaches everybody.
 
         `FleetError` for a fleet that cannot be flown, as everywhere.
         """
@@ -90,7 +93,7 @@ class Scenario:
             raise problem
         self.now_s = 0.0
         self.world = make_world(fleet)
-        self.radio = radio or MemoryRadio(seed=fleet.seed)
+        self.radio = radio if isinstance(radio, MemoryRadio) else MemoryRadio(fleet.seed, model=radio)
         self.states: dict[int, DroneState] = {}
         self.trees: dict[int, TreeState] = {}
         self.events: list[tuple[float, Event]] = []
@@ -100,6 +103,8 @@ class Scenario:
         """Called with every agent's tick, for recording."""
         self._commands = (f"scenario-{n}" for n in itertools.count())
         self._ground = self.radio.join(GROUND)
+        if ground_ned_m is not None:
+            self.radio.place(GROUND, ground_ned_m)
         self._ground_watches = ground_watches
         self._traffic_due_s = 0.0
         self.members: dict[int, Member] = {}

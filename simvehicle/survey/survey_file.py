@@ -184,21 +184,6 @@ def parse_fault(text: str) -> FaultSpec:
     return fault
 
 
-class Kill(msgspec.Struct, frozen=True):
-    """kill -9 of a drone's agent, `at_s` simulated seconds after the first take-off."""
-
-    drone: int
-    at_s: float
-
-
-def parse_kill(text: str) -> Kill:
-    """A kill as the command line says it: "3@60"."""
-    match = re.fullmatch(r"(\d+)@(\d+(?:\.\d+)?)", text)
-    if match is None:
-        raise DocumentError(f"--kill {text}", "write DRONE@SECONDS, such as 3@60")
-    return Kill(int(match[1]), float(match[2]))
-
-
 class _Checks:
     """The checks of one survey, each raising the first problem that it finds."""
 

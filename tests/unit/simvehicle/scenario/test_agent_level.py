@@ -8,12 +8,14 @@ import msgspec
 import pytest
 from typer.testing import CliRunner
 
-from flightstack.transport.memory import Conditions
+from flightstack.transport.memory import Conditions, MemoryRadio
+from flightstack.transport.radio_model import RadioModel
+from flightstack.transport.terrain import Ridge
 from simvehicle.cli.main import app
 from simvehicle.faults.fault_table import SwarmFaultSpec
 from simvehicle.faults.schedule import SwarmFaultSchedule
 from simvehicle.scenario.afflicted_swarm import AfflictedSwarm
-from simvehicle.scenario.agent_level import fly_scenario
+from simvehicle.scenario.agent_level import AgentFlight, fly_scenario
 from simvehicle.scenario.scenario_file import parse_scenario
 from simvehicle.scenario.swarm import GROUND, Scenario
 from simvehicle.survey.draft import draft, in_process
@@ -147,6 +149,31 @@ def test_faults_of_the_radio_end_as_they_began() -> None:
     assert radio.conditions == Conditions(loss=0.5)
     schedule.strike(10.0, swarm)
     assert radio.conditions == Conditions()
+
+
+def test_the_ground_station_hears_behind_a_ridge_nobody_and_drones_each_other() -> None:
+    text = SHORT.replace("FLAVOUR", "ardupilot") + "ground_ned_m: [-50.0, 0.0, 0.0]\n"
+    text += "radio: {ridges: [{crest_ned_m: [[-20.0, -500.0, -40.0], [-20.0, 500.0, -40.0]]}]}\n"
+    flight = AgentFlight(parse_scenario(text, "short")).flight
+    flight.run(2.0)
+    assert flight.states == {}
+    assert flight.radio.audible("1") == {"2", "3"}
+    flight.radio.place(GROUND, (-50.0, 0.0, -200.0))  # onto the next hill
+    flight.run(2.0)
+    assert sorted(flight.states) == [1, 2, 3]
+
+
+def test_a_scenario_with_a_model_of_the_radio_has_the_fleets_seed() -> None:
+    scenario = parse_scenario(SHORT.replace("FLAVOUR", "ardupilot"), "short")
+    parts = draft(scenario.survey, in_process(scenario.survey))
+    ridge = Ridge(crest_ned_m=((0.0, 1.0, -9.0), (9.0, 1.0, -9.0)))
+    model = RadioModel(loss=0.2, ridges=(ridge,))
+    given = Scenario(parts.drones, parts.fleet, MemoryRadio(parts.fleet.seed, model=model))
+    made = Scenario(parts.drones, parts.fleet, model)
+    for flight in (given, made):
+        flight.run(2.0)
+    assert given.states == made.states
+    assert made.radio.audible("3") == {GROUND}
 
 
 def test_a_clock_that_jumps_and_a_pilot() -> None:

@@ -6,6 +6,7 @@ import pathlib
 
 import pytest
 
+from flightstack.transport.radio_model import LinkBudget, RadioModel
 from mission.documents.yaml_file import DocumentError
 from simvehicle.scenario.scenario_file import parse_scenario
 
@@ -78,3 +79,37 @@ def test_what_cannot_be_is_one_line_with_place_and_mend(fault: str, field: str, 
 def test_what_is_wrong_with_its_survey_is_told_as_of_a_survey() -> None:
     with pytest.raises(DocumentError, match=r"f\.yaml:\d+: launch_line: .*start 1\.0 m apart"):
         parse_scenario(EXAMPLE.replace("spacing_m: 6.0, towards", "spacing_m: 1.0, towards"), "f.yaml")
+
+
+def test_a_scenarios_radio_is_the_radio_model() -> None:
+    radio = "radio: {loss: 0.1, link_budget: {shadowing_db: 6.0}, dead_links: [[1, 2], [3, ground]]}"
+    text = EXAMPLE.replace("radio: {loss: 0.1}", f"{radio}\nground_ned_m: [-20, 0, 0]")
+    config = parse_scenario(text, "f.yaml").config
+    assert config.radio == RadioModel(
+        loss=0.1, link_budget=LinkBudget(shadowing_db=6.0), dead_links=((1, 2), (3, "ground"))
+    )
+    assert config.ground_ned_m == (-20.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("radio", "field", "problem"),
+    [
+        ("dead_links: [[1, 2], [8, 2]]", "radio.dead_links[1]", "there is no 8 to hear or be heard"),
+        (
+            "dead_links: [[1, base]]",
+            "radio.dead_links[0]",
+            """there is no 'base' to hear or be heard, but "ground\"""",
+        ),
+        ("dead_links: [[2, 2]]", "radio.dead_links[0]", "2 hears itself"),
+        ("loss: 1.0", "radio.loss", "< 1.0"),
+        ("ridges: [{crest_ned_m: [[0, 0, -9]]}]", "radio.ridges[0].crest_ned_m", "length >= 2"),
+        ("bandwidth: 3", "radio.bandwidth", "unknown key"),
+    ],
+)
+def test_a_radio_that_cannot_be_is_one_line(radio: str, field: str, problem: str) -> None:
+    text = EXAMPLE.replace("radio: {loss: 0.1}", f"radio: {{{radio}}}")
+    line = text[: text.index("radio: {" + radio[:4])].count("\n") + 1
+    with pytest.raises(DocumentError) as caught:
+        parse_scenario(text, "f.yaml")
+    assert str(caught.value).startswith(f"f.yaml:{line}: {field}: ")
+    assert problem in str(caught.value)

@@ -113,7 +113,7 @@ SOURCE_S: list[tuple[MotionName, int, PlumeKind, float]] = [
     ("paper", 20, "perturbed", 176.0),
 ]
 """Median time to the source over 500 seeds with one update a tick, over 400 with ten. 5 and 10 drones in the
-perturbed plume with `pd`: the mean of six lucks of the program's controllers and loop functions, compiled as they are
+perturbed plume with `pd`: the mean of six sets of starts of the program's controllers and loop functions, as they are
 (6268 s, deviation 440 s; 2934 s, 90 s)."""
 
 
