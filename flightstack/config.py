@@ -97,6 +97,24 @@ class FormationConfig(Section, frozen=True, kw_only=True):
     layers: Annotated[int, Meta(ge=1)] = 5
 
 
+class StagesConfig(Section, frozen=True, kw_only=True):
+    """How long a stage of a survey may last. The battery ends most of them before; these are for what it does not."""
+
+    forming_s: Positive = 300.0
+    """A drone that is not in its slot by then goes home; so does a swarm that has not begun to search."""
+    searching_s: Positive = 1800.0
+    """All the search for contact together: then the root gives up for the whole swarm."""
+    tracking_s: Positive = 1800.0
+    """The same for all the following of a plume together."""
+    holding_s: Positive = 1800.0
+    """A paused drone goes home then."""
+    returning_s: Positive | None = None
+    """A drone that is not over its home by then lands where it is. None: 300 s, and three times what the way from the
+    farthest corner of the geofence takes at `speed_mps`; 900 s without a geofence."""
+    landing_s: Positive = 180.0
+    """A drone that is not on the ground by then needs somebody: that is told, there is no more to do."""
+
+
 class LimitsConfig(Section, frozen=True, kw_only=True):
     speed_mps: Positive = 5.0
     climb_mps: Positive = 2.0
@@ -116,6 +134,7 @@ class LimitsConfig(Section, frozen=True, kw_only=True):
     """Age of the own position above which the drone holds."""
     battery_return_fraction: Fraction = 0.25
     """The drone announces its own failure and goes home below this."""
+    stages: StagesConfig = StagesConfig()
 
 
 class StrategyConfig(Section, frozen=True, kw_only=True):

@@ -47,5 +47,7 @@ class SwarmFacts(msgspec.Struct, frozen=True):
     """The others fly a survey that does not count this drone in."""
     must_return: str
     """Why this drone cannot go on (battery, sensor, ground station lost), empty if it can."""
+    overdue: str = ""
+    """Why the way home must end where the drone is, empty if it need not."""
     has_twin: bool = False
     """Another agent says, now, that it is this drone."""

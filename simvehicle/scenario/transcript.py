@@ -10,7 +10,19 @@ from simvehicle.faults.fault_table import FaultSpec, SwarmFaultSpec
 from simvehicle.scenario.invariants import words
 
 TOLD: Final = frozenset(
-    {"lost", "joined", "found", "crash", "failsafe", "pilot", "blocked", "down", "leaving", "stood_still"}
+    {
+        "lost",
+        "joined",
+        "found",
+        "crash",
+        "failsafe",
+        "pilot",
+        "blocked",
+        "down",
+        "leaving",
+        "stood_still",
+        "overdue",
+    }
 )
 """Codes of the events that stand in it; what else is told repeats phases or tables."""
 

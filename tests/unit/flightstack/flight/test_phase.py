@@ -238,6 +238,13 @@ def test_a_drone_whose_way_home_is_blocked_lands_where_it_is() -> None:
     assert (step.phase, step.asks) == (Phase.LANDING, (Ask.LAND,))
 
 
+def test_a_drone_whose_way_home_takes_too_long_lands_where_it_is_and_says_why() -> None:
+    flight = Flight().to(Phase.RETURNING)
+    step = flight.step(UP, msgspec.structs.replace(ALONE, overdue="the way home has no end: landing here"))
+    assert (step.phase, step.asks) == (Phase.LANDING, (Ask.LAND,))
+    assert [note.text for note in step.notes] == ["landing: the way home has no end: landing here"]
+
+
 def test_a_drone_that_the_swarm_has_counted_out_goes_home() -> None:
     flight = Flight().to(Phase.SEARCHING)
     step = flight.step(UP, msgspec.structs.replace(ALONE, member=False))
