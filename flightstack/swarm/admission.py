@@ -99,7 +99,7 @@ class Admission:
         sender = received.sender
         known = self._trees.get(sender)
         if known is not None and known[0] == received.payload and received.topic.codec.kind is TreeState:
-            return known[1]  # most trees say what the one before said
+            return known[1]  # repeated by the radio
         try:
             message: Message = received.topic.codec.decode(received.payload)
         except WireError as error:

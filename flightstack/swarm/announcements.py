@@ -56,6 +56,7 @@ class Announcements:
         self._frame_identity = frame_identity
         self._tick_s = tick_s
         self._states = 0
+        self._trees = 0
         self._events = 0
         self._sent_s: dict[str, float] = {}
 
@@ -75,7 +76,9 @@ class Announcements:
         if self._due(now_s, STATE):
             messages.append((STATE.name, STATE.codec.encode(self._state(own))))
         if tree.survey is not None and self._due(now_s, TREE):
-            messages.append((TREE.name, TREE.codec.encode(tree.message())))
+            self._trees += 1
+            told = msgspec.structs.replace(tree.message(), sequence=self._trees)
+            messages.append((TREE.name, TREE.codec.encode(told)))
         return Announced(tuple(messages), events)
 
     def _due(self, now_s: float, topic: Topic) -> bool:
@@ -91,7 +94,7 @@ class Announcements:
         first = self._events + 1
         self._events += len(notes)
         return tuple(
-            Event(self._drone, number, note.severity, note.code, note.text)
+            Event(self._drone, number, note.severity, note.code, note.text, self._incarnation)
             for number, note in enumerate(notes, first)
         )
 

@@ -19,7 +19,7 @@ from mission.estimation.estimates import Reading, Scalar, Wind
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Order
 
-VERSION = 4
+VERSION = 5
 
 
 class WireError(ValueError):
@@ -120,6 +120,8 @@ class TreeState(msgspec.Struct, frozen=True, array_like=True, tag="tree"):
     lineage: tuple[tuple[int, int], ...] = ()
     """(survivors that its author heard, itself counted; author) of every epoch since the first: which of two
     assignments stands is told by it alone (`flightstack.swarm.tree_protocol`)."""
+    sequence: int = 0
+    """Counts the sender's messages of this kind since its start, from 1; 0: not told."""
 
 
 class CommandName(enum.StrEnum):
@@ -143,6 +145,10 @@ class Command(msgspec.Struct, frozen=True, array_like=True, tag="command"):
     name: CommandName
     without_recording: bool = False
     """A start also for drones whose flight cannot be recorded."""
+    incarnation: int = 0
+    """Of the sender: random per start of its program; 0: not told."""
+    sequence: int = 0
+    """Counts the sender's messages of this kind since its start, from 1; 0: not told."""
 
 
 class Result(enum.StrEnum):
@@ -172,6 +178,8 @@ class Event(msgspec.Struct, frozen=True, array_like=True, tag="event"):
     code: str
     """A short stable word: "heal", "contact", "found", "fence", "pilot", "statustext"."""
     text: str
+    incarnation: int = 0
+    """Of the sender: random per start of its program; 0: not told."""
 
 
 class TrafficVehicle(msgspec.Struct, frozen=True, array_like=True):
@@ -189,6 +197,10 @@ class Traffic(msgspec.Struct, frozen=True, array_like=True, tag="traffic"):
     sender: str
     frame: int
     vehicles: tuple[TrafficVehicle, ...]
+    incarnation: int = 0
+    """Of the sender: random per start of its program; 0: not told."""
+    sequence: int = 0
+    """Counts the sender's messages of this kind since its start, from 1; 0: not told."""
 
 
 class GroundBeat(msgspec.Struct, frozen=True, array_like=True, tag="ground"):
@@ -196,6 +208,8 @@ class GroundBeat(msgspec.Struct, frozen=True, array_like=True, tag="ground"):
     sequence: int
     system: int = 0
     """Its MAVLink system id; 0: not told."""
+    incarnation: int = 0
+    """Of the sender: random per start of its program; 0: not told."""
 
 
 class GroundAlarm(msgspec.Struct, frozen=True, array_like=True):

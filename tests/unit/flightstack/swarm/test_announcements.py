@@ -126,8 +126,8 @@ def test_events_are_numbered_and_sent_in_the_tick_in_which_they_happen(node: Spe
     lost, heal = Note(Severity.WARNING, "lost", "drone 3"), Note(Severity.INFO, "heal", "epoch 1")
     told = node.tell(0.1, lost, heal)
     assert told.events == (
-        Event(2, 1, Severity.WARNING, "lost", "drone 3"),
-        Event(2, 2, Severity.INFO, "heal", "epoch 1"),
+        Event(2, 1, Severity.WARNING, "lost", "drone 3", 77),
+        Event(2, 2, Severity.INFO, "heal", "epoch 1", 77),
     )
     assert [name for name, _ in told.messages] == [EVENT.name, EVENT.name]
     assert tuple(decoded(told)) == told.events
@@ -140,3 +140,11 @@ def test_a_command_is_answered_in_its_tick(node: Speaker) -> None:
     told = node.tell(0.1, outcomes=(outcome,))
     assert [name for name, _ in told.messages] == [OUTCOME.name]
     assert decoded(told) == [outcome]
+
+
+def test_trees_are_numbered_from_one_and_events_name_the_agent_that_tells(node: Speaker) -> None:
+    node.tree.begin(0.0, "survey", (0.0, 0.0, -10.0))
+    told = [node.tell(now_s, Note(Severity.INFO, "heal", "epoch 1")) for now_s in (0.0, 0.2, 0.4)]
+    trees = [TREE.codec.decode(data) for step in told for name, data in step.messages if name == TREE.name]
+    assert [(tree.incarnation, tree.sequence) for tree in trees] == [(77, 1), (77, 2), (77, 3)]
+    assert [event.incarnation for step in told for event in step.events] == [77, 77, 77]
