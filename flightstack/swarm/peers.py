@@ -35,6 +35,8 @@ class PeerFacts(msgspec.Struct, frozen=True):
     moving: bool
     """It is on its way to a slot that a heal gave it."""
     position_ned_m: Vector3 | None
+    incarnation: int = 0
+    """Of the agent that speaks for it: another one has been started anew."""
 
 
 class Peer(msgspec.Struct):
@@ -117,7 +119,9 @@ class Peers:
     def _hear_state(self, now_s: float, state: DroneState) -> None:
         if not self._incarnations.setdefault(state.sender, Incarnations()).hear(now_s, state):
             return
-        facts = PeerFacts(now_s, state.phase in TAKING_PART, state.healing, state.position_ned_m)
+        facts = PeerFacts(
+            now_s, state.phase in TAKING_PART, state.healing, state.position_ned_m, state.incarnation
+        )
         before = self.peers.get(state.sender)
         if before is None or state.position_ned_m is not None:
             self.peers[state.sender] = Peer(state, facts, state, now_s)

@@ -1,0 +1,241 @@
+"""Who takes part, as one drone knows it: suspicion, its refutation, loss, departure, return.
+
+Every member has a register of three counters, and merging takes of each the greater: lost, repeated and reordered
+messages do no harm. A *life* is the time between two doubts about a member. Whoever misses a neighbour says that it
+is *suspected* in its present life. That alone moves nobody: the suspected one hears of it, by whatever way it still
+hears the swarm, and begins its next life, which refutes it. Only a suspicion that stands for `SETTLE_S` makes a
+member *lost*, and everybody counts that time on its own clock. A member that is lost and heard again later refutes
+in the same way, and takes part again.
+
+A member *leaves* by saying so, or by a state that says that it does not take part; it returns with its next life.
+
+Lives rise by one at a time. What is told beyond `STRIDE` above the known life counts for that much only, and a
+suspicion or departure never for more than the present life: a member that lies can make another one refute, but
+neither outrun its refutation nor use up the numbers within a flight.
+"""
+
+from __future__ import annotations
+
+import enum
+import zlib
+from collections import deque
+from collections.abc import Collection, Mapping
+from typing import Final, TypeAlias
+
+import msgspec
+
+from flightstack.swarm.peers import PeerFacts
+from mission.tree.slot_registers import STRIDE
+
+SETTLE_S: Final = 0.5
+"""How long a suspicion must stand unrefuted. A state and its answer take 0.4 s at 5 Hz."""
+
+HEARD_S: Final = 2.0
+"""A member heard within this time supports what this drone claims."""
+
+STEADY_SUPPORT_S: Final = 5.0
+"""Support is the least of this time: a drone that has just got its hearing back has none yet."""
+
+JOIN_S: Final = 30.0
+"""How long after the start a member may be unheard, or not arming yet, before that counts against it."""
+
+NEVER: Final = -1
+
+
+class Standing(enum.Enum):
+    """What one member counts as."""
+
+    ALIVE = "alive"
+    SUSPECTED = "suspected"
+    """Missed by a neighbour; it keeps its slot, and nobody moves for it yet."""
+    LOST = "lost"
+    LEFT = "left"
+    """It said that it leaves, or does not take part: its heir does not wait for silence."""
+
+
+class MemberRegister(msgspec.Struct, frozen=True, array_like=True):
+    """What is told of one member; the counters `suspected` and `left` are never above `life`."""
+
+    life: int = 0
+    suspected: int = NEVER
+    """The newest life in which it was missed."""
+    left: int = NEVER
+    """The newest life that it ended itself."""
+
+
+MemberRegisters: TypeAlias = Mapping[int, MemberRegister]
+"""By drone; a member that is not in it is in its first life, without doubt."""
+
+UNDOUBTED: Final = MemberRegister()
+
+
+def merge_members(ours: MemberRegisters, theirs: MemberRegisters) -> dict[int, MemberRegister]:
+    """What both tell together: commutative, associative, idempotent."""
+    merged = dict(ours)
+    for drone, told in theirs.items():
+        known = merged.get(drone, UNDOUBTED)
+        merged[drone] = MemberRegister(
+            max(known.life, told.life), max(known.suspected, told.suspected), max(known.left, told.left)
+        )
+    return merged
+
+
+class Membership:
+    """One drone's knowledge of who takes part in one survey. Knowledge of another survey must not be merged."""
+
+    def __init__(
+        self,
+        drone: int,
+        members: Collection[int],
+        *,
+        suspect_after_s: float,
+        now_s: float = 0.0,
+        takes_part: bool = True,
+    ) -> None:
+        """`takes_part` False: this drone comes late and has left until it says `rejoin`."""
+        self._drone = drone
+        self._members = tuple(members)
+        self._suspect_after_s = suspect_after_s
+        self._began_s = now_s
+        self._takes_part = takes_part
+        self._registers: dict[int, MemberRegister] = {}
+        self._suspected_since_s: dict[int, tuple[int, float]] = {}
+        """By drone: the life in which it is suspected, and since when that is known here."""
+        self._missed_since_s: dict[int, float] = {}
+        """By watched drone: since when it can have been missed, by its newest life or the beginning of the watch."""
+        self._joined: set[int] = set()
+        """Members that were heard to take part in this survey."""
+        self._incarnations: dict[int, int] = {}
+        self._lost: dict[int, int] = {}
+        """By drone: the life in which it was lost."""
+        self._support: deque[tuple[float, int]] = deque()
+        if not takes_part:
+            self.leave()
+
+    @property
+    def registers(self) -> MemberRegisters:
+        """What there is to tell: of members about whom there ever was a doubt."""
+        return self._registers
+
+    @property
+    def digest(self) -> int:
+        """32 bits that differ where two drones' registers differ."""
+        return zlib.crc32(msgspec.msgpack.encode(sorted(self._registers.items())))
+
+    @property
+    def present(self) -> frozenset[int]:
+        """The members that count as there."""
+        gone = {Standing.LOST, Standing.LEFT}
+        return frozenset(drone for drone in self._members if self.standing(drone) not in gone)
+
+    @property
+    def support(self) -> int:
+        """How many members this drone has steadily heard, itself counted."""
+        return min((count for _, count in self._support), default=1)
+
+    def standing(self, drone: int) -> Standing:
+        register = self._registers.get(drone, UNDOUBTED)
+        if register.left == register.life:
+            return Standing.LEFT
+        if register.suspected < register.life:
+            return Standing.ALIVE
+        return Standing.LOST if self._lost.get(drone) == register.life else Standing.SUSPECTED
+
+    def leave(self) -> None:
+        """This drone takes no part from now on: its heir does not wait for silence."""
+        self._takes_part = False
+        own = self._own
+        self._registers[self._drone] = msgspec.structs.replace(own, left=own.life)
+
+    def rejoin(self) -> None:
+        """This drone takes part (again): it waits for a slot."""
+        self._takes_part = True
+        self._refute()
+
+    def merge(self, told: MemberRegisters) -> None:
+        """Take what another tells of this survey; what it says of no member is nothing."""
+        bounded = {drone: self._bounded(drone, told[drone]) for drone in self._members if drone in told}
+        self._registers = merge_members(self._registers, bounded)
+        if self._takes_part:
+            self._refute()
+        elif self._own.left < self._own.life:
+            self.leave()
+
+    def step(self, now_s: float, peers: Mapping[int, PeerFacts], watched: Collection[int]) -> tuple[int, ...]:
+        """Look for who is missed among `watched`, and who has left among all that are heard; give who is lost since
+        the step before, by ascending id."""
+        self._note_support(now_s, peers)
+        for drone in self._members:
+            if drone != self._drone and drone in peers:
+                self._look_at(now_s, drone, peers[drone])
+        self._watch(now_s, peers, {*watched} - {self._drone})
+        return self._count_out(now_s)
+
+    @property
+    def _own(self) -> MemberRegister:
+        return self._registers.get(self._drone, UNDOUBTED)
+
+    def _refute(self) -> None:
+        """Begin the next life if the present one is in doubt."""
+        own = self._own
+        if max(own.suspected, own.left) >= own.life:
+            self._registers[self._drone] = msgspec.structs.replace(own, life=own.life + 1)
+
+    def _bounded(self, drone: int, told: MemberRegister) -> MemberRegister:
+        life = min(told.life, self._registers.get(drone, UNDOUBTED).life + STRIDE)
+        return MemberRegister(life, min(told.suspected, life), min(told.left, life))
+
+    def _look_at(self, now_s: float, drone: int, peer: PeerFacts) -> None:
+        """By what a member says of itself: that it takes part, or that it does not, or that it has been restarted and
+        knows nothing of the survey any more."""
+        fresh = now_s - peer.heard_s < self._suspect_after_s
+        restarted = self._incarnations.setdefault(drone, peer.incarnation) != peer.incarnation
+        self._incarnations[drone] = peer.incarnation
+        if peer.taking_part and fresh:
+            self._joined.add(drone)
+        absent = not peer.taking_part and (drone in self._joined or now_s - self._began_s > JOIN_S)
+        if fresh and (restarted or absent) and self.standing(drone) is not Standing.LEFT:
+            register = self._registers.get(drone, UNDOUBTED)
+            self._registers[drone] = msgspec.structs.replace(register, left=register.life)
+
+    def _watch(self, now_s: float, peers: Mapping[int, PeerFacts], watched: Collection[int]) -> None:
+        self._missed_since_s = {drone: self._missed_since_s.get(drone, now_s) for drone in watched}
+        for drone in watched:
+            heard_s = peers[drone].heard_s if drone in peers else self._began_s
+            self._missed_since_s[drone] = max(self._missed_since_s[drone], heard_s)
+            may_be_late = drone not in self._joined and now_s - self._began_s < JOIN_S
+            silence_s = now_s - self._missed_since_s[drone]
+            if silence_s <= self._suspect_after_s or may_be_late:
+                continue
+            if self.standing(drone) is Standing.ALIVE:
+                register = self._registers.get(drone, UNDOUBTED)
+                self._registers[drone] = msgspec.structs.replace(register, suspected=register.life)
+                # Its next life, if it comes, is a word of its own: it is missed anew from then on.
+                self._missed_since_s[drone] = now_s
+
+    def _count_out(self, now_s: float) -> tuple[int, ...]:
+        doubted = {
+            drone: register.life
+            for drone, register in self._registers.items()
+            if register.suspected == register.life and drone != self._drone
+        }
+        since_s = self._suspected_since_s
+        self._suspected_since_s = {
+            drone: since_s[drone] if drone in since_s and since_s[drone][0] == life else (life, now_s)
+            for drone, life in doubted.items()
+        }
+        before = self._lost
+        self._lost = {
+            drone: life for drone, (life, at_s) in self._suspected_since_s.items() if now_s - at_s >= SETTLE_S
+        }
+        return tuple(sorted(drone for drone, life in self._lost.items() if before.get(drone) != life))
+
+    def _note_support(self, now_s: float, peers: Mapping[int, PeerFacts]) -> None:
+        heard = sum(
+            now_s - peers[drone].heard_s < HEARD_S and peers[drone].taking_part
+            for drone in self._members
+            if drone in peers and drone != self._drone
+        )
+        self._support.append((now_s, 1 + heard))
+        while now_s - self._support[0][0] > STEADY_SUPPORT_S:
+            self._support.popleft()
