@@ -7,7 +7,8 @@ hears the swarm, and begins its next life, which refutes it. Only a suspicion th
 member *lost*, and everybody counts that time on its own clock. A member that is lost and heard again later refutes
 in the same way, and takes part again.
 
-A member *leaves* by saying so, or by a state that says that it does not take part; it returns with its next life.
+A member *leaves* by saying so, or by a state that says that it does not take part; it returns with its next life,
+once it is in the air.
 
 Lives rise by one at a time. What is told beyond `STRIDE` above the known life counts for that much only, and a
 suspicion or departure never for more than the present life: a member that lies can make another one refute, but
@@ -25,6 +26,7 @@ from typing import Final, TypeAlias
 import msgspec
 
 from flightstack.swarm.peers import PeerFacts
+from flightstack.swarm.wire import MemberRegister
 from mission.tree.slot_registers import STRIDE
 
 SETTLE_S: Final = 0.5
@@ -39,8 +41,6 @@ STEADY_SUPPORT_S: Final = 5.0
 JOIN_S: Final = 30.0
 """How long after the start a member may be unheard, or not arming yet, before that counts against it."""
 
-NEVER: Final = -1
-
 
 class Standing(enum.Enum):
     """What one member counts as."""
@@ -51,16 +51,6 @@ class Standing(enum.Enum):
     LOST = "lost"
     LEFT = "left"
     """It said that it leaves, or does not take part: its heir does not wait for silence."""
-
-
-class MemberRegister(msgspec.Struct, frozen=True, array_like=True):
-    """What is told of one member; the counters `suspected` and `left` are never above `life`."""
-
-    life: int = 0
-    suspected: int = NEVER
-    """The newest life in which it was missed."""
-    left: int = NEVER
-    """The newest life that it ended itself."""
 
 
 MemberRegisters: TypeAlias = Mapping[int, MemberRegister]
@@ -98,6 +88,8 @@ class Membership:
         self._suspect_after_s = suspect_after_s
         self._began_s = now_s
         self._takes_part = takes_part
+        self._is_ready = False
+        """In the air: until then others may count it out without an objection, and it waits for a slot later."""
         self._registers: dict[int, MemberRegister] = {}
         self._suspected_since_s: dict[int, tuple[int, float]] = {}
         """By drone: the life in which it is suspected, and since when that is known here."""
@@ -142,23 +134,23 @@ class Membership:
         return Standing.LOST if self._lost.get(drone) == register.life else Standing.SUSPECTED
 
     def leave(self) -> None:
-        """This drone takes no part from now on: its heir does not wait for silence."""
-        self._takes_part = False
+        """This drone takes no part from now on: its heir does not wait for silence. Said again it changes nothing."""
+        self._takes_part = self._is_ready = False
         own = self._own
         self._registers[self._drone] = msgspec.structs.replace(own, left=own.life)
 
     def rejoin(self) -> None:
-        """This drone takes part (again): it waits for a slot."""
-        self._takes_part = True
+        """This drone is in the air and takes part (again). Said again it changes nothing."""
+        self._takes_part = self._is_ready = True
         self._refute()
 
     def merge(self, told: MemberRegisters) -> None:
         """Take what another tells of this survey; what it says of no member is nothing."""
         bounded = {drone: self._bounded(drone, told[drone]) for drone in self._members if drone in told}
         self._registers = merge_members(self._registers, bounded)
-        if self._takes_part:
+        if self._takes_part and (self._is_ready or self._own.left < self._own.life):
             self._refute()
-        elif self._own.left < self._own.life:
+        else:
             self.leave()
 
     def step(self, now_s: float, peers: Mapping[int, PeerFacts], watched: Collection[int]) -> tuple[int, ...]:

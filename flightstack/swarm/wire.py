@@ -18,6 +18,7 @@ import msgspec
 from mission.estimation.estimates import Reading, Scalar, Wind
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Order
+from mission.tree.slot_registers import SlotRegister
 
 VERSION = 5
 
@@ -122,6 +123,43 @@ class TreeState(msgspec.Struct, frozen=True, array_like=True, tag="tree"):
     assignments stands is told by it alone (`flightstack.swarm.tree_protocol`)."""
     sequence: int = 0
     """Counts the sender's messages of this kind since its start, from 1; 0: not told."""
+
+
+NEVER = -1
+
+
+class MemberRegister(msgspec.Struct, frozen=True, array_like=True):
+    """What is told of one member; the counters `suspected` and `left` are never above `life`."""
+
+    life: int = 0
+    suspected: int = NEVER
+    """The newest life in which it was missed."""
+    left: int = NEVER
+    """The newest life that it ended itself."""
+
+
+class TableState(msgspec.Struct, frozen=True, array_like=True, tag="table"):
+    """A drone's whole knowledge of the swarm: every part of it is merged by itself, whoever told it."""
+
+    sender: int
+    incarnation: int
+    sequence: int
+    """Counts the sender's messages of this kind since its start, from 1."""
+    frame: int
+    survey: str
+    """Identity of the command that started the survey; knowledge of another survey is not merged."""
+    slots: tuple[tuple[int, SlotRegister], ...]
+    """(slot, its register), ascending."""
+    members: tuple[tuple[int, MemberRegister], ...]
+    """(drone, its register) of those about whom there ever was a doubt, ascending."""
+    absent: tuple[int, ...]
+    """Members that the sender counts as lost or gone, ascending: for displays, each drone counts by itself."""
+    order: Order | None
+    ordered_by: SlotRegister | None
+    """The claim to the root's slot by which `order` was given."""
+    readings: tuple[Reading, ...]
+    heals: int = 0
+    """How often the sender has seen the table whole again after somebody was lost or moved."""
 
 
 class CommandName(enum.StrEnum):

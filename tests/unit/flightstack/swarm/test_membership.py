@@ -9,16 +9,15 @@ from hypothesis import strategies as st
 
 from flightstack.swarm.membership import (
     JOIN_S,
-    NEVER,
     SETTLE_S,
     STEADY_SUPPORT_S,
-    MemberRegister,
     MemberRegisters,
     Membership,
     Standing,
     merge_members,
 )
 from flightstack.swarm.peers import PeerFacts
+from flightstack.swarm.wire import NEVER, MemberRegister
 from mission.tree.slot_registers import STRIDE
 
 SUSPECT_S = 0.8
@@ -175,13 +174,25 @@ def test_an_agent_that_was_started_anew_has_left() -> None:
 
 def test_nobody_counts_itself_out_by_what_others_say() -> None:
     knows = membership(1)
+    knows.rejoin()
     knows.merge({1: MemberRegister(3, 3, 2)})
     assert knows.registers[1] == MemberRegister(4, 3, 2)
     assert knows.standing(1) is Standing.ALIVE
 
 
+def test_one_on_the_ground_that_was_counted_out_waits_until_it_flies() -> None:
+    knows = membership(1)
+    knows.merge({1: MemberRegister(3, NEVER, 3)})
+    assert knows.standing(1) is Standing.LEFT
+    knows.merge({1: MemberRegister(4, 4, 3)})
+    assert knows.standing(1) is Standing.LEFT
+    knows.rejoin()
+    assert knows.standing(1) is Standing.ALIVE
+
+
 def test_a_lie_of_great_lives_is_refuted_and_uses_up_no_numbers() -> None:
     knows, other = membership(1), membership(2)
+    knows.rejoin()
     lie = {1: MemberRegister(1 << 30, 1 << 31, 1 << 31), 99: MemberRegister(1, 1)}
     for turn in range(1, 5):
         knows.merge(lie)
@@ -219,6 +230,8 @@ def test_all_know_the_same_in_the_end_whatever_was_said(
 ) -> None:
     """Everybody takes part and hears everything at last: then everybody is present to everybody."""
     everybody = {drone: membership(drone) for drone in order}
+    for knows in everybody.values():
+        knows.rejoin()
     for turn, told in enumerate(said):
         everybody[order[turn % len(order)]].merge(told)
     for _ in range(3):

@@ -1,0 +1,467 @@
+"""The swarm's table among several drones, over a radio that loses and cuts."""
+
+from __future__ import annotations
+
+import random
+from typing import Any
+
+import msgspec
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from flightstack.swarm.peers import Peers
+from flightstack.swarm.swarm_table import SwarmTable
+from flightstack.swarm.topics import STATE, Delivery, Topic
+from flightstack.swarm.wire import TAKING_PART, Codec, DroneState, MemberRegister, Phase, TableState
+from flightstack.transport.memory import Conditions, MemoryRadio
+from mission.estimation.estimates import Reading
+from mission.geometry.formation import make_layout, rotated
+from mission.geometry.frames import Geodetic, LocalFrame, Vector3
+from mission.strategies.contract import Decision, Hold, Order, Stage
+from mission.tree.balanced_tree import problems
+from mission.tree.slot_registers import SlotRegister
+
+FRAME = LocalFrame(Geodetic(-5.06, 151.3, 500.0))
+START: Vector3 = (0.0, 0.0, -10.0)
+TICK_S = 0.1
+TABLE = Topic("table", Codec(TableState), 5.0, 2.0, Delivery.BEST_EFFORT)
+
+
+class Node:
+    def __init__(self, drone: int, members: tuple[int, ...]) -> None:
+        self.drone = drone
+        self.layout = make_layout("hexagonal", 10.0)
+        self.peers = Peers(drone)
+        self.table = SwarmTable(
+            drone, members, self.layout, frame_identity=FRAME.identity, incarnation=1, suspect_after_s=0.8
+        )
+        self.phase = Phase.SEARCHING
+        self.incarnation = 1
+        self.decision: Decision | None = None
+        self.sequence = 0
+        self.position: Vector3 = START
+
+    def report(self) -> None:
+        """As the agent does it, by its phase."""
+        if self.phase not in TAKING_PART:
+            self.table.leave()
+        elif self.phase not in (Phase.ARMING, Phase.TAKEOFF):
+            self.table.rejoin()
+
+    def state(self) -> DroneState:
+        self.sequence += 1
+        return DroneState(
+            sender=self.drone,
+            incarnation=self.incarnation,
+            sequence=self.sequence,
+            frame=FRAME.identity,
+            phase=self.phase,
+            position_ned_m=self.position,
+            velocity_ned_mps=(0.0, 0.0, 0.0),
+            heading_rad=0.0,
+            home_ned_m=None,
+            armed=True,
+            airborne=True,
+            mode="GUIDED",
+            battery_fraction=1.0,
+            co2_ppm=None,
+            excess_co2_ppm=None,
+            wind=None,
+            epoch=self.table.epoch,
+            slot=self.table.slots.get(self.drone),
+            parent=None,
+            healing=False,
+            tracking_best_ppm=None,
+        )
+
+
+class Network:
+    """Steps all live nodes together; what they tell goes through a radio that loses and cuts."""
+
+    def __init__(
+        self, count: int, *, loss: float = 0.0, seed: int = 0, members: tuple[int, ...] | None = None
+    ) -> None:
+        members = members or tuple(range(1, count + 1))
+        self.nodes = {drone: Node(drone, members) for drone in members}
+        self.radio = MemoryRadio(seed, Conditions(loss=loss))
+        self.transports = {drone: self.radio.join(drone, (TABLE, STATE)) for drone in members}
+        self.now_s = 0.0
+        self.ticks = 0
+        self.dead: set[int] = set()
+        for node in self.nodes.values():
+            node.table.begin(0.0, "survey-1", START)
+
+    @property
+    def live(self) -> list[Node]:
+        return [node for drone, node in self.nodes.items() if drone not in self.dead]
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds / TICK_S)):
+            self.now_s += TICK_S
+            self.ticks += 1
+            for node in self.live:
+                if (self.ticks + node.drone) % 2:  # 5 Hz, not all at once
+                    continue
+                self.transports[node.drone].publish(TABLE, TABLE.codec.encode(node.table.message()))
+                self.transports[node.drone].publish(STATE, STATE.codec.encode(node.state()))
+            self.radio.step(self.now_s)
+            heard = {drone: transport.receive() for drone, transport in self.transports.items()}
+            for node in self.live:
+                said = [r.topic.codec.decode(r.payload) for r in heard[node.drone]]
+                for state in said:
+                    node.peers.hear(self.now_s, state)
+                node.report()
+                told = [table for table in said if isinstance(table, TableState)]
+                node.table.step(self.now_s, told, node.peers.facts(), node.decision, node.position)
+                node.decision = None
+
+    def agreed(self) -> dict[int, int]:
+        """The assignment, after checking that all live nodes hold the same whole tree of just themselves."""
+        first = self.live[0].table
+        for node in self.live:
+            assert node.table.slots == first.slots
+            assert node.table.epoch == first.epoch
+            assert node.table.order == first.order
+        assert sorted(first.slots) == sorted(set(self.nodes) - self.dead)
+        assert problems(first.slots, self.live[0].layout) == []
+        return first.slots
+
+
+def test_everybody_learns_the_roots_first_order() -> None:
+    network = Network(5)
+    network.run(1.0)
+    network.agreed()
+    order = network.nodes[5].table.order
+    assert order is not None
+    assert (order.sequence, order.stage, order.anchor_ned_m) == (1, Stage.FORM, START)
+
+
+def test_readings_reach_the_root() -> None:
+    network = Network(5)
+    network.run(1.0)
+    for node in network.live:
+        reading = Reading(node.drone, 1, START, 10.0 * node.drone, 4.0)
+        node.decision = Decision(Hold(), reading=reading)
+    network.run(1.0)
+    assert [r.drone for r in network.nodes[1].table.readings] == [1, 2, 3, 4, 5]
+
+
+def test_readings_of_another_order_are_not_mixed_in() -> None:
+    network = Network(3)
+    network.run(1.0)
+    network.nodes[2].decision = Decision(Hold(), reading=Reading(2, 7, START, 10.0, 4.0))
+    network.run(1.0)
+    assert network.nodes[1].table.readings == ()
+
+
+@pytest.mark.parametrize("victim", [1, 3, 5])
+def test_a_dead_drone_is_healed_around(victim: int) -> None:
+    network = Network(5)
+    network.run(1.0)
+    network.dead.add(victim)
+    network.run(6.0)
+    slots = network.agreed()
+    assert len(slots) == 4
+    assert network.live[0].table.heals == 1
+    order = network.live[0].table.order
+    assert order is not None
+    assert order.sequence == 2
+
+
+def test_root_and_its_heir_die_together() -> None:
+    network = Network(7)
+    network.run(1.0)
+    place = network.nodes[1].table.place(network.now_s, network.nodes[1].peers.facts())
+    assert place.heir is not None
+    network.dead |= {1, place.heir}
+    network.run(12.0)
+    network.agreed()
+
+
+def test_down_to_a_single_survivor() -> None:
+    network = Network(4)
+    network.run(1.0)
+    for victim in (1, 2, 3):
+        network.dead.add(victim)
+        network.run(8.0)
+        network.agreed()
+    assert network.nodes[4].table.slots == {4: 0}
+
+
+def test_a_drone_that_says_it_leaves_is_replaced_without_waiting_for_silence() -> None:
+    network = Network(5)
+    network.run(1.0)
+    network.nodes[3].phase = Phase.RETURNING
+    network.run(1.5)
+    assert 3 not in network.nodes[1].table.slots
+    assert not network.nodes[3].table.member
+
+
+def test_drones_that_are_apart_leave_the_anchor_where_it_is() -> None:
+    """Each alone or in groups, they say nothing about where a formation would be."""
+    network = Network(5)
+    network.run(1.0)
+    root = network.nodes[1]
+    root.decision = Decision(Hold(), order=Order(2, Stage.SEARCH, (100.0, 0.0, -10.0), 0.3, apart=True))
+    network.run(1.0)
+    for node in network.live:
+        node.position = (40.0 * node.drone, -70.0, -10.0)
+    network.dead.add(4)
+    network.run(6.0)
+    network.agreed()
+    order = root.table.order
+    assert order is not None
+    assert (order.sequence, order.anchor_ned_m, order.apart) == (3, (100.0, 0.0, -10.0), True)
+
+
+def test_the_formation_stays_where_it_stopped() -> None:
+    network = Network(5)
+    network.run(1.0)
+    root = network.nodes[1]
+    root.decision = Decision(Hold(), order=Order(2, Stage.SEARCH, (100.0, 0.0, -10.0), 0.3))
+    network.run(1.0)
+    for node in network.live:  # half way to the anchor when drone 4 dies
+        offset = rotated(node.layout.offset_m(node.table.slots[node.drone]), 0.3)
+        node.position = (50.0 + offset[0], offset[1], -10.0)
+    network.dead.add(4)
+    network.run(6.0)
+    network.agreed()
+    order = root.table.order
+    assert order is not None
+    assert order.anchor_ned_m == pytest.approx((50.0, 0.0, -10.0))
+    assert order.stage is Stage.SEARCH
+
+
+def told(sender: int, survey: str, **changes: Any) -> TableState:
+    plain = TableState(sender, 1, 1, FRAME.identity, survey, (), (), (), None, None, ())
+    return msgspec.structs.replace(plain, **changes)
+
+
+def test_knowledge_of_another_survey_changes_nothing() -> None:
+    node = Network(3).nodes[2]
+    before = node.table.message()
+    foreign = told(1, "survey-0", slots=((0, SlotRegister(3, 2, 3)),), members=((3, MemberRegister(4, 4)),))
+    node.table.step(0.1, [foreign], node.peers.facts(), None, START)
+    after = node.table.message()
+    assert (after.slots, after.members) == (before.slots, before.members)
+
+
+def test_members_listed_in_different_orders_still_give_one_slot_to_each() -> None:
+    network = Network(5)
+    odd = network.nodes[4] = Node(4, (1, 4, 3, 2, 5))
+    odd.table.begin(0.0, "survey-1", START)
+    network.run(1.0)
+    assert sorted(network.agreed().values()) == [0, 1, 2, 3, 4]
+
+
+def test_only_the_root_orders() -> None:
+    network = Network(3)
+    network.run(1.0)
+    network.nodes[2].decision = Decision(Hold(), order=Order(9, Stage.TRACK, START, 0.0))
+    network.run(1.0)
+    order = network.nodes[2].table.order
+    assert order is not None
+    assert order.sequence == 1
+
+
+def test_a_tree_whose_radios_reach_only_relatives_still_heals() -> None:
+    """Nineteen drones, each hearing only those within one spacing (and a bit) of its own slot."""
+    network = Network(19)
+    network.run(0.5)
+    layout = network.nodes[1].layout
+    for drone in network.nodes:
+        network.radio.place(drone, (*layout.offset_m(drone - 1), -10.0))
+    network.radio.range_m = 10.5
+    network.run(4.0)
+    network.dead.add(3)
+    network.run(8.0)
+    assert 3 not in network.nodes[1].table.slots
+    assert network.nodes[1].table.heals >= 1
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    count=st.integers(3, 10),
+    alone=st.integers(1, 10),
+    members=st.randoms(use_true_random=False),
+    away_s=st.floats(0.5, 25.0),
+    seed=st.integers(0, 1000),
+)
+def test_a_drone_whose_radio_failed_for_a_while_never_sends_the_others_home(
+    count: int, alone: int, members: random.Random, away_s: float, seed: int
+) -> None:
+    """Whoever it is, whatever its id, and however long it was alone: it is taken in again, and moves none of the
+    others from the root."""
+    order = members.sample(range(1, count + 1), count)
+    network = Network(count, loss=0.2, seed=seed, members=tuple(order))
+    network.run(1.0)
+    alone = min(alone, count)
+    others = set(network.nodes) - {alone}
+    network.radio.cut("failed", {alone})
+    network.run(away_s)
+    network.radio.mend("failed")
+    network.run(12.0)
+    tables = [node.table for node in network.live]
+    assert all(table.slots == tables[0].slots and table.order == tables[0].order for table in tables)
+    assert tables[0].slots.keys() == network.nodes.keys()
+    assert count == 2 or away_s < 3.0 or next(d for d, s in tables[0].slots.items() if s == 0) in others
+    assert problems(tables[0].slots, network.nodes[1].layout) == []
+
+
+@settings(max_examples=15, deadline=None)
+@given(count=st.integers(2, 9), seed=st.integers(0, 100_000))
+def test_a_member_that_tells_whatever_it_likes_cannot_split_the_others_for_good(
+    count: int, seed: int
+) -> None:
+    """It tells each of the others something else for a while, all well-formed; then it falls silent."""
+    chance = random.Random(seed)
+    network = Network(count, loss=0.2, seed=seed)
+    members = tuple(network.nodes)
+    liar = chance.choice(members)
+    network.run(1.0)
+    for _ in range(chance.randint(1, 6)):
+        for node in network.live:
+            lie = told(
+                liar,
+                "survey-1",
+                slots=tuple(
+                    (
+                        slot,
+                        SlotRegister(
+                            chance.randrange(50), chance.choice((*members, -1)), chance.randrange(10)
+                        ),
+                    )
+                    for slot in range(count)
+                ),
+                members=tuple(
+                    (drone, MemberRegister(life := chance.randrange(50), chance.randint(-1, life), -1))
+                    for drone in members
+                ),
+                order=Order(chance.randrange(1000), Stage.SEARCH, START, 0.0),
+                ordered_by=SlotRegister(chance.randrange(50), chance.choice(members), chance.randrange(10)),
+            )
+            node.table.step(network.now_s, [lie], node.peers.facts(), None, node.position)
+        network.run(chance.uniform(0.1, 4.0))
+    network.dead.add(liar)
+    network.run(5.0 * count + 5.0)
+    tables = [node.table for node in network.live]
+    assert all(table.slots == tables[0].slots and table.order == tables[0].order for table in tables)
+    assert all(problems(table.slots, network.nodes[1].layout) == [] for table in tables)
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    count=st.integers(2, 9),
+    group=st.sets(st.integers(1, 9), min_size=1),
+    away_s=st.floats(4.0, 30.0),
+    seed=st.integers(0, 1000),
+)
+def test_halves_that_meet_again_become_one_swarm(
+    count: int, group: set[int], away_s: float, seed: int
+) -> None:
+    """Nobody is sent home: the root that more have heard stays root, the others get free slots."""
+    network = Network(count, loss=0.2, seed=seed)
+    network.run(1.0)
+    one = group & network.nodes.keys()
+    two = network.nodes.keys() - one
+    network.radio.cut("ridge", one)
+    network.run(away_s)
+    network.radio.mend("ridge")
+    network.run(12.0)
+    tables = [node.table for node in network.live]
+    assert all(table.slots == tables[0].slots and table.order == tables[0].order for table in tables)
+    assert problems(tables[0].slots, network.nodes[1].layout) == []
+    assert tables[0].slots.keys() == network.nodes.keys()
+    if away_s > 20.0 and one and two and len(one) != len(two):
+        larger = max(one, two, key=len)
+        assert next(drone for drone, slot in tables[0].slots.items() if slot == 0) in larger
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    count=st.integers(2, 9),
+    victims=st.lists(st.tuples(st.integers(1, 9), st.floats(0.2, 4.0)), max_size=6),
+    seed=st.integers(0, 1000),
+)
+def test_any_losses_end_in_one_whole_tree(count: int, victims: list[tuple[int, float]], seed: int) -> None:
+    network = Network(count, loss=0.3, seed=seed)
+    network.run(1.0)
+    for victim, wait_s in victims:
+        if victim in network.nodes and len(network.live) > 1:
+            network.dead.add(victim)
+            network.run(wait_s)
+    network.run(5.0 * len(network.nodes) + 5.0)
+    network.agreed()
+
+
+def surveys(network: Network) -> set[str | None]:
+    return {node.table.survey for node in network.live}
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_two_starts_at_once_become_one_survey(seed: int) -> None:
+    """Two operators: some drones heard the one first, some the other, and the radio loses a third."""
+    network = Network(7, loss=0.3, seed=seed)
+    chance = random.Random(seed)
+    for drone, node in network.nodes.items():
+        node.table.begin(0.0, "one" if chance.random() < 0.5 else "other", START)
+        assert drone in node.table.slots
+    network.run(15.0)
+    assert len(surveys(network)) == 1
+    network.agreed()
+
+
+@pytest.mark.parametrize("late", [1, 4])
+def test_who_starts_late_joins_the_survey_that_flies(late: int) -> None:
+    """The first start did not reach it (or its agent was restarted): the operator gave another."""
+    network = Network(5)
+    network.nodes[late].table = Node(late, tuple(network.nodes)).table
+    network.nodes[late].phase = Phase.DISARMED
+    network.run(2.0)
+    network.nodes[late].phase = Phase.ARMING
+    network.nodes[late].table.begin(network.now_s, "survey-2", START)
+    network.run(3.0)
+    assert len(surveys(network)) == 1
+    assert network.nodes[2].table.order is not None
+    network.agreed()
+
+
+def test_who_was_counted_out_joins_in_the_air_once_it_is_ready() -> None:
+    """Its agent was started again after the others had healed around it."""
+    network = Network(5)
+    network.dead = {2}
+    network.run(60.0)
+    slots = network.agreed()
+    back = network.nodes[2] = Node(2, tuple(network.nodes))
+    back.incarnation = 2
+    back.phase = Phase.DISARMED
+    network.dead = set()
+    network.run(3.0)
+    back.phase = Phase.ARMING
+    back.table.begin(network.now_s, "survey-2", START)
+    network.run(3.0)
+    assert back.table.survey == "survey-1"
+    assert not back.table.member
+    back.phase = Phase.FORMING
+    network.run(3.0)
+    assert network.agreed() == {**slots, 2: next(s for s in range(5) if s not in slots.values())}
+
+
+def test_what_is_left_of_a_survey_that_is_over_draws_nobody_in() -> None:
+    """All landed; they still tell what they know of it. Drone 3 hears of the new start last."""
+    network = Network(4)
+    network.nodes[1].decision = Decision(Hold(), order=Order(9, Stage.TRACK, (50.0, 0.0, -10.0), 0.0))
+    network.run(2.0)
+    for node in network.live:
+        node.phase = Phase.LANDED
+    network.nodes[4] = Node(4, tuple(network.nodes))
+    network.run(2.0)
+    for drone in (4, 1, 2, 3):
+        network.nodes[drone].phase = Phase.ARMING
+        network.nodes[drone].table.begin(network.now_s, "survey-2", START)
+        network.run(1.5)
+    assert surveys(network) == {"survey-2"}
+    order = network.agreed() and network.nodes[3].table.order
+    assert order is not None
+    assert order.sequence == 1
