@@ -32,6 +32,10 @@ from mission.tree.slot_registers import STRIDE
 SETTLE_S: Final = 0.5
 """How long a suspicion must stand unrefuted. A state and its answer take 0.4 s at 5 Hz."""
 
+OBJECTION_S: Final = 2.0
+"""How long a drone that itself hears the suspected one waits for its refutation: who only speaks and hears nobody
+cannot be a member, but a radio that loses a third needs more than one try."""
+
 HEARD_S: Final = 2.0
 """A member heard within this time supports what this drone claims."""
 
@@ -161,7 +165,7 @@ class Membership:
             if drone != self._drone and drone in peers:
                 self._look_at(now_s, drone, peers[drone])
         self._watch(now_s, peers, {*watched} - {self._drone})
-        return self._count_out(now_s)
+        return self._count_out(now_s, peers)
 
     @property
     def _own(self) -> MemberRegister:
@@ -205,7 +209,7 @@ class Membership:
                 # Its next life, if it comes, is a word of its own: it is missed anew from then on.
                 self._missed_since_s[drone] = now_s
 
-    def _count_out(self, now_s: float) -> tuple[int, ...]:
+    def _count_out(self, now_s: float, peers: Mapping[int, PeerFacts]) -> tuple[int, ...]:
         doubted = {
             drone: register.life
             for drone, register in self._registers.items()
@@ -217,9 +221,11 @@ class Membership:
             for drone, life in doubted.items()
         }
         before = self._lost
-        self._lost = {
-            drone: life for drone, (life, at_s) in self._suspected_since_s.items() if now_s - at_s >= SETTLE_S
-        }
+        self._lost = {}
+        for drone, (life, at_s) in self._suspected_since_s.items():
+            is_heard = drone in peers and peers[drone].heard_s > at_s
+            if now_s - at_s >= (OBJECTION_S if is_heard else SETTLE_S):
+                self._lost[drone] = life
         return tuple(sorted(drone for drone, life in self._lost.items() if before.get(drone) != life))
 
     def _note_support(self, now_s: float, peers: Mapping[int, PeerFacts]) -> None:

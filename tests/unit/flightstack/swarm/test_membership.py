@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from flightstack.swarm.membership import (
     JOIN_S,
+    OBJECTION_S,
     SETTLE_S,
     STEADY_SUPPORT_S,
     MemberRegisters,
@@ -94,11 +95,22 @@ def test_a_refuted_suspicion_moves_nobody() -> None:
     assert other.registers[2].life > 2
 
 
-def test_a_suspicion_heard_from_others_counts_after_the_settle_time_too() -> None:
+def test_a_suspicion_told_by_others_counts_after_the_settle_time_too() -> None:
     ears = Ears(4, watched=())
     ears.run(1.0, (1, 2, 3))
     ears.knows.merge({3: MemberRegister(0, 0)})
-    ears.run(SETTLE_S, (1, 2, 3))
+    ears.run(SETTLE_S, (1, 2))
+    assert ears.knows.standing(3) is Standing.SUSPECTED
+    ears.run(TICK_S, (1, 2))
+    assert ears.lost == [3]
+
+
+def test_whoever_is_heard_has_longer_to_refute_but_not_for_ever() -> None:
+    """It speaks, and hears nobody: it never learns of the suspicion."""
+    ears = Ears(4, watched=())
+    ears.run(1.0, (1, 2, 3))
+    ears.knows.merge({3: MemberRegister(0, 0)})
+    ears.run(OBJECTION_S, (1, 2, 3))
     assert ears.knows.standing(3) is Standing.SUSPECTED
     ears.run(TICK_S, (1, 2, 3))
     assert ears.lost == [3]

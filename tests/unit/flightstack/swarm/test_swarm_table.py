@@ -280,7 +280,7 @@ def test_a_tree_whose_radios_reach_only_relatives_still_heals() -> None:
     assert network.nodes[1].table.heals >= 1
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(
     count=st.integers(3, 10),
     alone=st.integers(1, 10),
@@ -309,7 +309,7 @@ def test_a_drone_whose_radio_failed_for_a_while_never_sends_the_others_home(
     assert problems(tables[0].slots, network.nodes[1].layout) == []
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(count=st.integers(2, 9), seed=st.integers(0, 100_000))
 def test_a_member_that_tells_whatever_it_likes_cannot_split_the_others_for_good(
     count: int, seed: int
@@ -350,7 +350,7 @@ def test_a_member_that_tells_whatever_it_likes_cannot_split_the_others_for_good(
     assert all(problems(table.slots, network.nodes[1].layout) == [] for table in tables)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(
     count=st.integers(2, 9),
     group=st.sets(st.integers(1, 9), min_size=1),
@@ -378,7 +378,7 @@ def test_halves_that_meet_again_become_one_swarm(
         assert next(drone for drone, slot in tables[0].slots.items() if slot == 0) in larger
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(
     count=st.integers(2, 9),
     victims=st.lists(st.tuples(st.integers(1, 9), st.floats(0.2, 4.0)), max_size=6),
