@@ -17,12 +17,15 @@ import msgspec
 
 from flightstack.swarm.topics import Received
 from flightstack.swarm.wire import (
+    NEVER,
     Command,
     CommandOutcome,
     DroneState,
     Event,
     GroundBeat,
     GroundReport,
+    MemberRegister,
+    TableState,
     Traffic,
     TrafficVehicle,
     TreeState,
@@ -32,8 +35,20 @@ from mission.documents.printable import printable
 from mission.estimation.estimates import Reading, Scalar, Wind
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Decision, GoTo, Order, Velocity
+from mission.tree.balanced_tree import NOBODY
+from mission.tree.slot_registers import SlotRegister
 
-Message = DroneState | TreeState | Command | CommandOutcome | Event | Traffic | GroundBeat | GroundReport
+Message = (
+    DroneState
+    | TableState
+    | TreeState
+    | Command
+    | CommandOutcome
+    | Event
+    | Traffic
+    | GroundBeat
+    | GroundReport
+)
 
 FARTHEST_M = 100_000.0
 """From the origin of the swarm's frame, per axis."""
@@ -81,7 +96,7 @@ class Refusal(msgspec.Struct, frozen=True):
 
 
 class Admission:
-    """The door of one node. It remembers what it has told, and of each drone the newest tree."""
+    """The door of one node. It remembers what it has told."""
 
     def __init__(
         self, members: Collection[int] = (), frame_identity: int | None = None, drone: int | None = None
@@ -92,14 +107,10 @@ class Admission:
         self._frame_identity = frame_identity
         self._drone = drone
         self._told: set[str] = set()
-        self._trees: dict[str, tuple[bytes, TreeState]] = {}
 
     def admit(self, received: Received) -> Message | Refusal:
         """The message, if it is to be believed, without numbers that are none; else one line why not."""
         sender = received.sender
-        known = self._trees.get(sender)
-        if known is not None and known[0] == received.payload and received.topic.codec.kind is TreeState:
-            return known[1]  # repeated by the radio
         try:
             message: Message = received.topic.codec.decode(received.payload)
         except WireError as error:
@@ -113,13 +124,11 @@ class Admission:
         if misplaced is not None:
             kind, reason = misplaced
             return self._refusal(kind, reason, reason, _believable(message))
-        if isinstance(message, TreeState):
-            self._trees[sender] = (received.payload, message)
         return _believable(message)
 
     def _misplaced(self, sender: str, message: Message) -> tuple[RefusalKind, str] | None:
         """What is wrong with where a message comes from."""
-        if isinstance(message, DroneState | TreeState):
+        if isinstance(message, DroneState | TableState | TreeState):
             if str(message.sender) != sender:
                 return _misnamed(message.sender, sender)
             if message.sender == self._drone:
@@ -134,7 +143,9 @@ class Admission:
             and sender != str(message.sender)
         ):
             return _misnamed(message.sender, sender)
-        if isinstance(message, DroneState | TreeState | Traffic) and self._frame_identity not in (
+        if isinstance(
+            message, DroneState | TableState | TreeState | Traffic
+        ) and self._frame_identity not in (
             None,
             message.frame,
         ):
@@ -156,6 +167,8 @@ def refusal(message: object, members: Collection[int]) -> str:
     match message:
         case DroneState():
             return _state(message)
+        case TableState():
+            return _table(message, members)
         case TreeState():
             return _tree(message, members)
         case Command():
@@ -291,6 +304,46 @@ def _tree(state: TreeState, members: Collection[int]) -> str:
     if not all(_is_reading(reading) for reading in state.readings):
         return "a reading in it is none"
     return "" if state.order is None else _order(state.order)
+
+
+def _table(state: TableState, members: Collection[int]) -> str:
+    size = len(members)
+    if not (0 <= state.heals < LARGEST_COUNT and 0 <= state.sequence < LARGEST_COUNT):
+        return "its count of heals or messages is none"
+    if max(len(state.slots), len(state.members), len(state.absent), len(state.readings)) > size:
+        return "it lists more than there are drones"
+    slots = [slot for slot, _ in state.slots]
+    if len(set(slots)) < len(slots) or not all(0 <= slot < size for slot in slots):
+        return "its slots are not those of this swarm"
+    if not all(_is_claim(register, members) for _, register in state.slots):
+        return "a claim to a slot in it is none"
+    told = [drone for drone, _ in state.members]
+    if len(set(told)) < len(told) or not all(drone in members for drone in (*told, *state.absent)):
+        return "its members are not those of this swarm"
+    if not all(_is_member_register(register) for _, register in state.members):
+        return "a member's life in it is none"
+    if not all(_is_reading(reading) for reading in state.readings):
+        return "a reading in it is none"
+    if state.order is None or state.ordered_by is None:
+        neither = state.order is None and state.ordered_by is None
+        return "" if neither else "its order and the claim of who gave it are told apart"
+    return _order(state.order) if _is_claim(state.ordered_by, members) else "nobody gave its order"
+
+
+def _is_claim(register: SlotRegister, members: Collection[int]) -> bool:
+    return (
+        0 <= register.version < LARGEST_COUNT
+        and (register.holder == NOBODY or register.holder in members)
+        and 0 <= register.support <= len(members)
+    )
+
+
+def _is_member_register(register: MemberRegister) -> bool:
+    return (
+        0 <= register.life < LARGEST_COUNT
+        and NEVER <= register.suspected <= register.life
+        and NEVER <= register.left <= register.life
+    )
 
 
 def _order(order: Order) -> str:

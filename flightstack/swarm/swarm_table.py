@@ -8,8 +8,7 @@ messages do no harm, and knowledge travels as many hops as it must. Nobody decid
   are lost together is found out from both its ends.
 * Which slot whose is, each drone claims for itself (`mission.tree.slot_registers`): an heir at once, the others only
   in a table that has not changed for a while, because they may not have heard everything yet.
-* The root orders. An order bears the claim by which its author is root, and the one that bears the claim that
-  stands counts before any other. The root whose table has changed orders anew, so that the formation goes on from
+* The root orders (`orders`). The root whose table has changed orders anew, so that the formation goes on from
   where it stopped.
 * While the table changes the swarm holds, but no longer than `HEAL_LIMIT_S` at a time.
 * A survey is known by the command that started it. Two operators who start at once make two; then everybody joins
@@ -26,10 +25,11 @@ import msgspec
 
 from flightstack.swarm.membership import SETTLE_S, Membership
 from flightstack.swarm.news import TreeNews
+from flightstack.swarm.orders import Orders, stopped_anchor
 from flightstack.swarm.peers import PeerFacts
 from flightstack.swarm.wire import TableState
 from mission.estimation.estimates import Reading
-from mission.geometry.formation import Layout, rotated
+from mission.geometry.formation import Layout
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Decision, Order, Stage, TreePlace
 from mission.tree.balanced_tree import Place, place, problems
@@ -105,13 +105,10 @@ class SwarmTable:
             takes_part=takes_part,
         )
         self.registers: Registers = configured(self._members)
-        self.slots: Mapping[int, int] = {}
+        self.slots: dict[int, int] = {}
         """drone -> slot of every member that counts as there."""
         self.heals = 0
-        self.order: Order | None = None
-        self._ordered_by: SlotRegister | None = None
-        self._greatest_sequence = 0
-        self._readings: dict[int, Reading] = {}
+        self._orders = Orders()
         self._start_ned_m = anchor_ned_m
         self._held: int | None = None
         self._changed_s = -math.inf
@@ -150,9 +147,13 @@ class SwarmTable:
         return self._drone in self.slots
 
     @property
+    def order(self) -> Order | None:
+        return self._orders.order
+
+    @property
     def readings(self) -> tuple[Reading, ...]:
         """The readings for the current order that have reached this drone, by ascending drone."""
-        return tuple(self._readings[drone] for drone in sorted(self._readings))
+        return self._orders.readings
 
     def step(
         self,
@@ -180,7 +181,7 @@ class SwarmTable:
         if self.slots.get(self._drone) == 0:
             self._lead(now_s, peers, decision, own_position_ned_m)
         if decision is not None and decision.reading is not None:
-            self._note_reading(decision.reading)
+            self._orders.note((decision.reading,), self.slots)
         now_in = self.slots.get(self._drone)
         return TreeNews(
             lost=lost,
@@ -224,7 +225,7 @@ class SwarmTable:
             tuple(sorted(self._membership.registers.items())),
             tuple(sorted(set(self._members) - self._membership.present)),
             self.order,
-            self._ordered_by,
+            self._orders.ordered_by,
             self.readings,
             self.heals,
         )
@@ -262,7 +263,7 @@ class SwarmTable:
             if _foremost_first(told) < own:
                 counted_in = self._drone not in told.absent
                 self.begin(now_s, told.survey, self._start_ned_m, takes_part=counted_in)
-                self.order, self._ordered_by = None, None
+                self._orders = Orders()
                 self._merge(told)
                 joined = True
         return joined
@@ -276,33 +277,8 @@ class SwarmTable:
         slots = {slot: register for slot, register in told.slots if 0 <= slot < len(self._table)}
         self.registers = merge(self.registers, within_stride(self.registers, slots))
         if told.order is not None and told.ordered_by is not None:
-            self._offer(told.order, told.ordered_by)
-        for reading in told.readings:
-            self._note_reading(reading)
-
-    def _offer(self, order: Order, ordered_by: SlotRegister) -> None:
-        self._greatest_sequence = max(self._greatest_sequence, order.sequence)
-        if (
-            self.order is None
-            or self._ordered_by is None
-            or self._authority(order, ordered_by) > self._authority(self.order, self._ordered_by)
-        ):
-            self._set_order(order, ordered_by)
-
-    def _authority(self, order: Order, ordered_by: SlotRegister) -> tuple[bool, int, bytes]:
-        """Which of two orders counts: the one of the root that stands, then the newer; of two that a liar made equal,
-        any, but for everybody the same."""
-        stands = ordered_by == self.registers.get(0, NEVER_HELD)
-        return stands, order.sequence, msgspec.msgpack.encode((order, ordered_by))
-
-    def _set_order(self, order: Order, ordered_by: SlotRegister) -> None:
-        if self.order is None or order.sequence != self.order.sequence:
-            self._readings = {}
-        self.order, self._ordered_by = order, ordered_by
-
-    def _note_reading(self, reading: Reading) -> None:
-        if self.order is not None and reading.order == self.order.sequence and reading.drone in self.slots:
-            self._readings[reading.drone] = reading
+            self._orders.offer(told.order, told.ordered_by, self._root_claim)
+        self._orders.note(told.readings, self.slots)
 
     # -- members and slots ------------------------------------------------------------------------------------
 
@@ -310,7 +286,7 @@ class SwarmTable:
         """Whom this drone has to miss: the next above and below in the tree, beyond empty slots too; the others
         next below an empty root's slot; and who has no slot, and so no neighbours, yet."""
         present = self._membership.present
-        watched = present - self.slots.keys()
+        watched = set(present - self.slots.keys())
         own = self.slots.get(self._drone)
         if own is None:
             return watched
@@ -380,42 +356,29 @@ class SwarmTable:
         """As root: order what the own strategy decided, or anew where the formation stands after a change."""
         if not self._is_steady(now_s):
             return
-        stands = self._ordered_by == self.registers.get(0, NEVER_HELD)
-        if self.order is None or not stands or self._ordered_slots != self.slots:
-            order = self.order or Order(0, Stage.FORM, self._start_ned_m, 0.0)
+        known = self.order
+        if known is None or self._orders.ordered_by != self._root_claim or self._ordered_slots != self.slots:
+            order = known or Order(0, Stage.FORM, self._start_ned_m, 0.0)
             anchor_ned_m = order.anchor_ned_m
             if order.stage is not Stage.FORM and not order.apart:
-                where = {d: p.position_ned_m for d, p in peers.items() if now_s - p.heard_s < POSITION_S} | {
-                    self._drone: own_position_ned_m
-                }
+                where = {d: p.position_ned_m for d, p in peers.items() if now_s - p.heard_s < POSITION_S}
+                where[self._drone] = own_position_ned_m
                 stay = {d: s for d, s in self.slots.items() if self._slots_before.get(d) == s}
-                anchor_ned_m = self._stopped_anchor(stay, order, where)
-            sequence = max(self._greatest_sequence, order.sequence) + 1
+                anchor_ned_m = stopped_anchor(order, self._layout, stay, where)
+            sequence = self._orders.next_sequence
             self._give(msgspec.structs.replace(order, sequence=sequence, anchor_ned_m=anchor_ned_m))
             return
         ordered = decision.order if decision is not None else None
-        if ordered is not None and ordered.sequence > self.order.sequence:
+        if ordered is not None and ordered.sequence > known.sequence:
             self._give(ordered)
 
     def _give(self, order: Order) -> None:
         self._ordered_slots = self.slots
-        self._greatest_sequence = max(self._greatest_sequence, order.sequence)
-        self._set_order(order, self.registers.get(0, NEVER_HELD))
+        self._orders.set(order, self._root_claim)
 
-    def _stopped_anchor(
-        self, stay: Mapping[int, int], order: Order, where: Mapping[int, Vector3 | None]
-    ) -> Vector3:
-        """Where the formation stands now: the mean of where those who keep their slots are, less their offsets."""
-        corners: list[tuple[float, float]] = []
-        for drone, slot in stay.items():
-            position = where.get(drone)
-            if position is not None:
-                offset_n, offset_e = rotated(self._layout.offset_m(slot), order.rotation_rad)
-                corners.append((position[0] - offset_n, position[1] - offset_e))
-        if not corners:
-            return order.anchor_ned_m
-        north_m, east_m = (math.fsum(axis) / len(corners) for axis in zip(*corners, strict=True))
-        return north_m, east_m, order.anchor_ned_m[2]
+    @property
+    def _root_claim(self) -> SlotRegister:
+        return self.registers.get(0, NEVER_HELD)
 
 
 def _foremost_first(told: TableState) -> tuple[int, int, str]:

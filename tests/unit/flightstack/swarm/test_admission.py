@@ -38,15 +38,18 @@ from flightstack.swarm.wire import (
     GroundAlarm,
     GroundReport,
     HeardVehicle,
+    MemberRegister,
     Phase,
     Result,
     Severity,
+    TableState,
     Traffic,
     TrafficVehicle,
     TreeState,
 )
 from mission.estimation.estimates import Reading, Scalar, Wind
 from mission.strategies.contract import Decision, GoTo, Hold, Observation, Order, Stage, Velocity
+from mission.tree.slot_registers import SlotRegister
 
 EXAMPLE = pathlib.Path(__file__).parents[4] / "examples" / "drone.yaml"
 MEMBERS = (1, 2, 3, 4, 5)
@@ -58,6 +61,11 @@ TREE = TreeState(2, 1, 0, 2, 2, SLOTS, (), ORDER, (READING,), 2, "survey", ((4, 
 STATE = DroneState(
     2, 1, 1, 0, Phase.SEARCHING, (1.0, 2.0, -10.0), (0.5, 0.0, 0.0), 0.0, None, True, True, "GUIDED", 0.9,
     450.0, None, None, 0, 1, 1, False, None,
+)  # fmt: skip
+CLAIM = SlotRegister(3, 2, 5)
+TABLE = TableState(
+    2, 1, 1, 0, "survey", ((0, CLAIM), (3, SlotRegister(1))), ((4, MemberRegister(2, 2, -1)),), (4,), ORDER, CLAIM,
+    (READING,), 2,
 )  # fmt: skip
 COMMAND = Command("c1", "ground", 0, CommandName.START)
 replace = msgspec.structs.replace
@@ -71,7 +79,17 @@ def message(topic: Topic, sender: str, content: object) -> PeerMessage:
     return PeerMessage(topic.name, sender, topic.codec.encode(content))
 
 
-@pytest.mark.parametrize("good", [STATE, TREE, COMMAND, replace(TREE, order=None, readings=())])
+@pytest.mark.parametrize(
+    "good",
+    [
+        STATE,
+        TREE,
+        TABLE,
+        COMMAND,
+        replace(TREE, order=None, readings=()),
+        replace(TABLE, order=None, ordered_by=None),
+    ],
+)
 def test_what_a_healthy_node_says_is_believed(good: object) -> None:
     assert refusal(good, MEMBERS) == ""
 
@@ -117,6 +135,31 @@ def test_a_drone_without_a_sensor_reports_a_reading_of_infinite_variance() -> No
         replace(TREE, order=replace(ORDER, rotation_rad=INF)),
         replace(TREE, order=replace(ORDER, source_ned_m=(0.0, NAN, 0.0))),
         replace(TREE, order=replace(ORDER, note=bytes(NOTE_AT_MOST_BYTES + 1))),
+        replace(TABLE, heals=-1),
+        replace(TABLE, sequence=2**63),
+        replace(TABLE, slots=((0, CLAIM), (0, CLAIM))),
+        replace(TABLE, slots=((5, CLAIM),)),
+        replace(TABLE, slots=((-1, CLAIM),)),
+        replace(TABLE, slots=((0, CLAIM),) * 10_000),
+        replace(TABLE, slots=((0, replace(CLAIM, version=2**31)),)),
+        replace(TABLE, slots=((0, replace(CLAIM, version=-1)),)),
+        replace(TABLE, slots=((0, replace(CLAIM, holder=99)),)),
+        replace(TABLE, slots=((0, replace(CLAIM, support=6)),)),
+        replace(TABLE, slots=((0, replace(CLAIM, support=-1)),)),
+        replace(TABLE, members=((9, MemberRegister()),)),
+        replace(TABLE, members=((4, MemberRegister()), (4, MemberRegister(1)))),
+        replace(TABLE, members=((4, MemberRegister(2**31)),)),
+        replace(TABLE, members=((4, MemberRegister(-1)),)),
+        replace(TABLE, members=((4, MemberRegister(1, 2)),)),
+        replace(TABLE, members=((4, MemberRegister(1, -2)),)),
+        replace(TABLE, members=((4, MemberRegister(1, -1, 2)),)),
+        replace(TABLE, absent=(99,)),
+        replace(TABLE, absent=(4,) * 10_000),
+        replace(TABLE, readings=(replace(READING, variance_ppm2=NAN),)),
+        replace(TABLE, order=None),
+        replace(TABLE, ordered_by=None),
+        replace(TABLE, ordered_by=replace(CLAIM, holder=99)),
+        replace(TABLE, order=replace(ORDER, anchor_ned_m=(NAN, 0.0, 0.0))),
         replace(COMMAND, identity=""),
         replace(COMMAND, identity="x" * (LONGEST_WORD + 1)),
         replace(COMMAND, sender="a\nb"),
