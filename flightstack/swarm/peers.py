@@ -37,6 +37,8 @@ class PeerFacts(msgspec.Struct, frozen=True):
     position_ned_m: Vector3 | None
     incarnation: int = 0
     """Of the agent that speaks for it: another one has been started anew."""
+    table_digest: int = 0
+    """Of its table of the swarm, when it told its newest state."""
 
 
 class Peer(msgspec.Struct):
@@ -120,7 +122,12 @@ class Peers:
         if not self._incarnations.setdefault(state.sender, Incarnations()).hear(now_s, state):
             return
         facts = PeerFacts(
-            now_s, state.phase in TAKING_PART, state.healing, state.position_ned_m, state.incarnation
+            now_s,
+            state.phase in TAKING_PART,
+            state.healing,
+            state.position_ned_m,
+            state.incarnation,
+            state.table_digest,
         )
         before = self.peers.get(state.sender)
         if before is None or state.position_ned_m is not None:

@@ -18,6 +18,7 @@ messages do no harm, and knowledge travels as many hops as it must. Nobody decid
 from __future__ import annotations
 
 import math
+import zlib
 from collections.abc import Iterable, Mapping
 from typing import Final
 
@@ -39,6 +40,7 @@ from mission.tree.slot_registers import (
     SlotRegister,
     assignment,
     configured,
+    digest,
     is_settled,
     merge,
     own_claims,
@@ -114,6 +116,7 @@ class SwarmTable:
         self._changed_s = -math.inf
         self._unsettled_since_s: float | None = None
         self._family: Place | None = None
+        self._looked_at: tuple[Registers, frozenset[int]] | None = None
         self._look(now_s)
         self._changed_s = -math.inf
         self._settled_slots = self._slots_before = self.slots
@@ -141,6 +144,14 @@ class SwarmTable:
     def epoch(self) -> int:
         """How often slots were claimed or vacated, as far as is known; it never falls within a survey."""
         return sum(register.version for register in self.registers.values())
+
+    @property
+    def digest(self) -> int:
+        """32 bits that differ where two drones would tell another table."""
+        orders = self._orders
+        read = [reading.drone for reading in orders.readings]
+        rest = (self.survey, self._membership.digest, orders.order, orders.ordered_by, read)
+        return zlib.crc32(msgspec.msgpack.encode(rest), digest(self.registers))
 
     @property
     def member(self) -> bool:
@@ -307,6 +318,10 @@ class SwarmTable:
 
     def _look(self, now_s: float) -> None:
         """Who holds which slot now."""
+        known = self.registers, self._membership.present
+        if known == self._looked_at:
+            return
+        self._looked_at = known
         slots = assignment(self.registers, self._membership.present)
         if slots != self.slots:
             self.slots = slots

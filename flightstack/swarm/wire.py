@@ -97,6 +97,8 @@ class DroneState(msgspec.Struct, frozen=True, array_like=True, tag="state"):
     """How it does not go where it is sent, empty while it does."""
     storage: str = ""
     """Why its flight is not recorded; empty when it is."""
+    table_digest: int = 0
+    """Of what it would tell as `TableState`: two that differ tell each other their tables."""
 
 
 class TreeState(msgspec.Struct, frozen=True, array_like=True, tag="tree"):

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flightstack.swarm.admission import refusal
+from flightstack.swarm.exchange import Exchange
 from flightstack.swarm.peers import Peers
 from flightstack.swarm.swarm_table import SwarmTable
 from flightstack.swarm.topics import STATE, TABLE
@@ -36,6 +37,7 @@ class Node:
         self.table = SwarmTable(
             drone, members, self.layout, frame_identity=FRAME.identity, incarnation=1, suspect_after_s=0.8
         )
+        self.exchange = Exchange(TICK_S)
         self.phase = Phase.SEARCHING
         self.incarnation = 1
         self.decision: Decision | None = None
@@ -73,6 +75,7 @@ class Node:
             parent=None,
             healing=False,
             tracking_best_ppm=None,
+            table_digest=self.table.digest,
         )
 
 
@@ -101,10 +104,10 @@ class Network:
             self.now_s += TICK_S
             self.ticks += 1
             for node in self.live:
-                if (self.ticks + node.drone) % 2:  # 5 Hz, not all at once
-                    continue
-                self.transports[node.drone].publish(TABLE, TABLE.codec.encode(node.table.message()))
-                self.transports[node.drone].publish(STATE, STATE.codec.encode(node.state()))
+                if (self.ticks + node.drone) % 2 == 0:  # 5 Hz, not all at once
+                    self.transports[node.drone].publish(STATE, STATE.codec.encode(node.state()))
+                if node.exchange.is_due(self.now_s, node.table.digest, node.peers.facts()):
+                    self.transports[node.drone].publish(TABLE, TABLE.codec.encode(node.table.message()))
             self.radio.step(self.now_s)
             heard = {drone: transport.receive() for drone, transport in self.transports.items()}
             for node in self.live:
@@ -123,6 +126,7 @@ class Network:
             assert node.table.slots == first.slots
             assert node.table.epoch == first.epoch
             assert node.table.order == first.order
+            assert node.table.digest == first.digest
         assert sorted(first.slots) == sorted(set(self.nodes) - self.dead)
         assert problems(first.slots, self.live[0].layout) == []
         return first.slots
@@ -469,3 +473,96 @@ def test_what_is_left_of_a_survey_that_is_over_draws_nobody_in() -> None:
     order = network.nodes[3].table.order
     assert order is not None
     assert order.sequence == 1
+
+
+def in_the_slots_of(network: Network, *slots: int) -> set[int]:
+    return {drone for drone, slot in network.nodes[1].table.slots.items() if slot in slots}
+
+
+@pytest.mark.parametrize(
+    "slots",
+    [
+        pytest.param((18,), id="leaf"),
+        pytest.param((2,), id="inner node"),
+        pytest.param((0,), id="root"),
+        pytest.param((2, 9), id="node and a child"),
+        pytest.param((0, 4), id="root and a child"),
+        pytest.param((1, 7, 8, 18), id="branch"),
+        pytest.param((0, 1, 2, 3, 7, 8, 9, 10, 11), id="half, with the root"),
+        pytest.param(tuple(range(18)), id="all but one"),
+    ],
+)
+def test_losses_at_one_moment_end_in_one_whole_table(slots: tuple[int, ...]) -> None:
+    """Nineteen drones in two full rings; within ten seconds, and nobody is held up by it afterwards."""
+    network = Network(19)
+    network.run(2.0)
+    network.dead = in_the_slots_of(network, *slots)
+    network.run(1.0)
+    watch = network.live[0]
+    for _ in range(100):
+        network.run(TICK_S)
+        if sorted(watch.table.slots) == [node.drone for node in network.live]:
+            break
+    network.run(2.0)
+    network.agreed()
+    for node in network.live:
+        assert not node.table.place(network.now_s, node.peers.facts()).healing
+
+
+def test_a_loss_during_a_heal_is_healed_too() -> None:
+    network = Network(19)
+    network.run(2.0)
+    heir = network.nodes[1].table.place(network.now_s, network.nodes[1].peers.facts()).heir
+    assert heir is not None
+    network.dead = {1}
+    network.run(1.4)  # the heir is about to claim, or has just done so
+    network.dead = {1, heir}
+    network.run(8.0)
+    network.agreed()
+
+
+def test_a_frozen_process_that_wakes_after_its_slot_was_given_away_takes_a_free_one() -> None:
+    network = Network(9)
+    network.run(2.0)
+    network.dead = {2}
+    network.run(20.0)
+    healed = network.agreed()
+    assert 1 in healed.values(), "somebody else stands in its slot"
+    network.dead = set()
+    network.run(3.0)
+    slots = network.agreed()
+    assert {drone: slot for drone, slot in slots.items() if drone != 2} == healed
+
+
+@pytest.mark.parametrize("parts", [({1, 2, 3},), ({4, 5}, {6, 7, 8}), ({1}, {2})])
+def test_parts_that_meet_again_keep_the_root_of_the_largest(parts: tuple[set[int], ...]) -> None:
+    network = Network(9)
+    network.run(6.0)
+    for number, part in enumerate(parts):
+        network.radio.cut(f"ridge {number}", part)
+    network.run(40.0)
+    largest = max((*parts, network.nodes.keys() - set().union(*parts)), key=len)
+    in_it = network.nodes[min(largest)].table
+    root = next(drone for drone, slot in in_it.slots.items() if slot == 0)
+    assert in_it.slots.keys() == largest
+    for number in range(len(parts)):
+        network.radio.mend(f"ridge {number}")
+    network.run(6.0)
+    assert network.agreed()[root] == 0
+
+
+def test_an_announced_departure_moves_the_heir_at_once() -> None:
+    network = Network(9)
+    network.run(2.0)
+    network.nodes[2].phase = Phase.RETURNING
+    network.run(0.6)
+    for node in network.live:
+        assert 2 not in node.table.slots
+        assert 1 in node.table.slots.values()
+
+
+def test_a_suspicion_under_heavy_loss_moves_nobody() -> None:
+    network = Network(7, loss=0.2, seed=3)
+    network.run(120.0)
+    assert network.agreed() == {drone: drone - 1 for drone in network.nodes}
+    assert all(node.table.heals == 0 for node in network.live)

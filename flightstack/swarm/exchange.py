@@ -1,0 +1,43 @@
+"""When a drone tells its whole table: when somebody near knows another one.
+
+Every state bears the digest of its sender's table. At rest all digests are the same, and the table itself is said
+only now and then, so that what a drone sends hardly grows with the swarm; where two differ, both tell, until they
+agree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+from flightstack.swarm.peers import PeerFacts
+
+PERIOD_S: Final = 0.2
+"""The shortest time between two tellings of the table."""
+
+REFRESH_S: Final = 5.0
+"""The longest: digests of 32 bits may be the same by chance, and an old one may have been the last that was heard."""
+
+DIGEST_S: Final = 2.0
+"""A digest that is older is no reason to tell: its drone may be out of reach."""
+
+
+class Exchange:
+    """One drone's turn to tell; `is_due` once a tick."""
+
+    def __init__(self, tick_s: float) -> None:
+        self._tick_s = tick_s
+        self._told_s: float | None = None
+        self._told_digest = 0
+
+    def is_due(self, now_s: float, digest: int, peers: Mapping[int, PeerFacts]) -> bool:
+        """Whether the table, whose `digest` this is, is to be told in this tick; if so, it counts as told."""
+        if self._told_s is not None:
+            since_s = now_s - self._told_s + 0.5 * self._tick_s
+            differs = digest != self._told_digest or any(
+                peer.table_digest != digest and now_s - peer.heard_s < DIGEST_S for peer in peers.values()
+            )
+            if since_s < (PERIOD_S if differs else REFRESH_S):
+                return False
+        self._told_s, self._told_digest = now_s, digest
+        return True
