@@ -126,7 +126,6 @@ class Network:
             assert node.table.slots == first.slots
             assert node.table.epoch == first.epoch
             assert node.table.order == first.order
-            assert node.table.digest == first.digest
         assert sorted(first.slots) == sorted(set(self.nodes) - self.dead)
         assert problems(first.slots, self.live[0].layout) == []
         return first.slots
@@ -136,6 +135,7 @@ def test_everybody_learns_the_roots_first_order() -> None:
     network = Network(5)
     network.run(1.0)
     network.agreed()
+    assert len({node.table.digest for node in network.live}) == 1
     order = network.nodes[5].table.order
     assert order is not None
     assert (order.sequence, order.stage, order.anchor_ned_m) == (1, Stage.FORM, START)
@@ -566,3 +566,87 @@ def test_a_suspicion_under_heavy_loss_moves_nobody() -> None:
     network.run(120.0)
     assert network.agreed() == {drone: drone - 1 for drone in network.nodes}
     assert all(node.table.heals == 0 for node in network.live)
+
+
+class Faults:
+    """What may happen to a swarm, one after another; `end` mends what can be mended."""
+
+    def __init__(self, network: Network) -> None:
+        self.network = network
+        self.frozen: set[int] = set()
+        self.killed: set[int] = set()
+        self.cuts: list[str] = []
+        self.booting: set[int] = set()
+
+    def happen(self, fault: str, drones: set[int]) -> None:
+        network = self.network
+        drones = drones & network.nodes.keys() - self.killed
+        match fault:
+            case "kill" if len(self.killed | drones) < len(network.nodes):
+                self.killed |= drones
+            case "freeze":
+                self.frozen |= drones
+            case "thaw":
+                self.frozen -= drones
+            case "cut":
+                self.cuts.append(f"cut {len(self.cuts)}")
+                network.radio.cut(self.cuts[-1], drones)
+            case "mend":
+                self.mend()
+            case "boot":
+                for drone in drones - self.frozen:
+                    self.boot(drone)
+            case "fly":
+                self.fly()
+        network.dead = self.killed | self.frozen
+
+    def boot(self, drone: int) -> None:
+        before = self.network.nodes[drone]
+        node = self.network.nodes[drone] = Node(drone, tuple(self.network.nodes))
+        node.incarnation = before.incarnation + 1
+        node.phase = Phase.ARMING
+        node.table.begin(self.network.now_s, "survey-1", START)
+        self.booting.add(drone)
+
+    def fly(self) -> None:
+        for drone in self.booting:
+            self.network.nodes[drone].phase = Phase.FORMING
+        self.booting = set()
+
+    def mend(self) -> None:
+        while self.cuts:
+            self.network.radio.mend(self.cuts.pop())
+
+    def end(self) -> None:
+        self.mend()
+        self.fly()
+        self.network.dead = self.killed
+
+
+@settings(max_examples=10, deadline=None)
+@given(
+    count=st.integers(2, 9),
+    faults=st.lists(
+        st.tuples(
+            st.sampled_from(("kill", "freeze", "thaw", "cut", "mend", "boot", "fly")),
+            st.sets(st.integers(1, 9), min_size=1, max_size=4),
+            st.floats(0.1, 8.0),
+        ),
+        max_size=8,
+    ),
+    seed=st.integers(0, 1000),
+)
+def test_any_faults_end_in_one_whole_table_of_all_that_live(
+    count: int, faults: list[tuple[str, set[int], float]], seed: int
+) -> None:
+    network = Network(count, loss=0.15, seed=seed)
+    network.run(1.0)
+    schedule = Faults(network)
+    for fault, drones, wait_s in faults:
+        schedule.happen(fault, drones)
+        network.run(wait_s)
+    schedule.end()
+    network.run(25.0)
+    network.agreed()
+    for node in network.live:
+        assert not node.table.place(network.now_s, node.peers.facts()).healing
