@@ -39,6 +39,7 @@ from mission.tree.slot_registers import (
     Registers,
     SlotRegister,
     assignment,
+    awaited_heirs,
     configured,
     digest,
     is_settled,
@@ -52,6 +53,9 @@ HELD_S: Final = 2.0 * SETTLE_S
 
 HEAL_LIMIT_S: Final = 60.0
 """How long the swarm holds for a heal that does not come to its end."""
+
+CLAIM_S: Final = 3.0
+"""How long an heir may leave a hole above it open before it is passed over."""
 
 STEADY_S: Final = 1.0
 """How long a peer must tell of one survey before that counts."""
@@ -116,6 +120,8 @@ class SwarmTable:
         self._changed_s = -math.inf
         self._unsettled_since_s: float | None = None
         self._family: Place | None = None
+        self._awaited_since_s: dict[int, float] = {}
+        self._passed_over: set[int] = set()
         self._looked_at: tuple[Registers, frozenset[int]] | None = None
         self._look(now_s)
         self._changed_s = -math.inf
@@ -139,6 +145,11 @@ class SwarmTable:
     def rejoin(self) -> None:
         """This drone is in the air and flies to whatever slot it gets; said again it changes nothing."""
         self._membership.rejoin()
+
+    def has_handed_over(self, now_s: float) -> bool:
+        """Whether this drone, which has announced that it leaves, is waited for no more: its heir has claimed its
+        slot, and nobody objects."""
+        return not self.member and self._is_steady(now_s)
 
     @property
     def epoch(self) -> int:
@@ -337,13 +348,30 @@ class SwarmTable:
         is_whole = not problems(self.slots, self._layout)
         if self._drone in present and is_whole and now_s - self._changed_s < SETTLE_S:
             return
+        self._pass_over(now_s, present)
         claimed = own_claims(
-            self.registers, present, self._table, self._drone, self._membership.support, self._held
+            self.registers,
+            present - self._passed_over,
+            self._table,
+            self._drone,
+            self._membership.support,
+            self._held,
         )
         if claimed:
             self.registers = merge(self.registers, claimed)
             self._look(now_s)
         self._held = self.slots.get(self._drone, self._held)
+
+    def _pass_over(self, now_s: float, present: frozenset[int]) -> None:
+        """Count as not there, for this drone's own claims, who lets a hole be that it is the heir of: it is heard, so
+        it is not lost, but something in it does not work."""
+        if self._unsettled_since_s is None:
+            self._passed_over = set()
+            self._awaited_since_s = {}
+            return
+        awaited = awaited_heirs(self.registers, present - self._passed_over, self._table) - {self._drone}
+        self._awaited_since_s = {drone: self._awaited_since_s.get(drone, now_s) for drone in awaited}
+        self._passed_over |= {d for d, since_s in self._awaited_since_s.items() if now_s - since_s > CLAIM_S}
 
     def _is_changing(self, now_s: float) -> bool:
         since_s = self._unsettled_since_s
@@ -352,7 +380,9 @@ class SwarmTable:
         return now_s - self._changed_s < HELD_S
 
     def _is_steady(self, now_s: float) -> bool:
-        return self._unsettled_since_s is None and now_s - self._changed_s >= SETTLE_S
+        since_s = self._unsettled_since_s
+        is_healing = since_s is not None and now_s - since_s < HEAL_LIMIT_S
+        return not is_healing and now_s - self._changed_s >= SETTLE_S
 
     def _count_heals(self, now_s: float) -> None:
         if self._is_steady(now_s) and self.slots != self._settled_slots:

@@ -100,6 +100,18 @@ def is_settled(registers: Registers, present: Collection[int], table: SlotTable)
     )
 
 
+def awaited_heirs(registers: Registers, present: Collection[int], table: SlotTable) -> frozenset[int]:
+    """The drones whose turn it is to claim a hole above them."""
+    slots = assignment(registers, present)
+    holder = holders(slots, table)
+    heirs = {
+        heir_slot(hole, holder, table.child_start, table.child)
+        for hole, waits in enumerate(_open_below(slots, table))
+        if holder[hole] == NOBODY and not waits
+    }
+    return frozenset(int(holder[heir]) for heir in heirs if heir != NOBODY)
+
+
 def own_claims(
     registers: Registers,
     present: Collection[int],

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from flightstack.swarm.admission import refusal
 from flightstack.swarm.exchange import Exchange
 from flightstack.swarm.peers import Peers
-from flightstack.swarm.swarm_table import SwarmTable
+from flightstack.swarm.swarm_table import HEAL_LIMIT_S, SwarmTable
 from flightstack.swarm.topics import STATE, TABLE
 from flightstack.swarm.wire import TAKING_PART, DroneState, MemberRegister, Phase, TableState
 from flightstack.transport.memory import Conditions, MemoryRadio
@@ -38,6 +38,8 @@ class Node:
             drone, members, self.layout, frame_identity=FRAME.identity, incarnation=1, suspect_after_s=0.8
         )
         self.exchange = Exchange(TICK_S)
+        self.stuck = False
+        """It speaks, but its table does not work."""
         self.phase = Phase.SEARCHING
         self.incarnation = 1
         self.decision: Decision | None = None
@@ -114,6 +116,8 @@ class Network:
                 said = [r.topic.codec.decode(r.payload) for r in heard[node.drone]]
                 for state in said:
                     node.peers.hear(self.now_s, state)
+                if node.stuck:
+                    continue
                 node.report()
                 told = [table for table in said if isinstance(table, TableState)]
                 node.table.step(self.now_s, told, node.peers.facts(), node.decision, node.position)
@@ -554,11 +558,53 @@ def test_parts_that_meet_again_keep_the_root_of_the_largest(parts: tuple[set[int
 def test_an_announced_departure_moves_the_heir_at_once() -> None:
     network = Network(9)
     network.run(2.0)
-    network.nodes[2].phase = Phase.RETURNING
+    leaver = network.nodes[2]
+    assert not leaver.table.has_handed_over(network.now_s)
+    leaver.phase = Phase.RETURNING
     network.run(0.6)
+    assert not leaver.table.has_handed_over(network.now_s), "somebody may still object"
+    network.run(0.6)
+    assert leaver.table.has_handed_over(network.now_s)
     for node in network.live:
         assert 2 not in node.table.slots
         assert 1 in node.table.slots.values()
+
+
+@pytest.mark.parametrize("victims", [{1}, {2}])
+def test_an_heir_that_is_heard_and_does_not_claim_is_passed_over(victims: set[int]) -> None:
+    network = Network(9)
+    network.run(2.0)
+    victim = network.nodes[min(victims)]
+    heir = victim.table.place(network.now_s, victim.peers.facts()).heir
+    assert heir is not None
+    network.nodes[heir].stuck = True
+    network.dead = victims
+    network.run(8.0)
+    for node in network.live:
+        if not node.stuck:
+            assert problems(node.table.slots, node.layout) == []
+            assert heir in node.table.slots, "it is heard, and keeps its own slot"
+            assert not node.table.place(network.now_s, node.peers.facts()).healing
+
+
+def test_one_that_waits_for_a_slot_and_takes_none_holds_up_nobody_for_ever() -> None:
+    network = Network(5)
+    network.dead = {2}
+    network.run(60.0)
+    back = network.nodes[2] = Node(2, tuple(network.nodes))
+    back.table.begin(network.now_s, "survey-1", START)
+    network.dead = set()
+    network.run(0.4)
+    back.stuck = True
+    assert 2 not in network.nodes[1].table.slots
+    network.run(HEAL_LIMIT_S + 5.0)
+    root = network.nodes[1]
+    assert root.table.order is not None
+    sequence = root.table.order.sequence + 1
+    root.decision = Decision(Hold(), order=Order(sequence, Stage.SEARCH, START, 0.0))
+    network.run(1.0)
+    assert network.nodes[5].table.order == Order(sequence, Stage.SEARCH, START, 0.0)
+    assert not root.table.place(network.now_s, root.peers.facts()).healing
 
 
 def test_a_suspicion_under_heavy_loss_moves_nobody() -> None:

@@ -15,6 +15,7 @@ from mission.tree.slot_registers import (
     Registers,
     SlotRegister,
     assignment,
+    awaited_heirs,
     configured,
     digest,
     is_settled,
@@ -92,6 +93,16 @@ def test_a_hole_waits_for_the_one_in_its_own_subtree_and_not_for_one_in_another(
     assert {slot for slot, register in first.items() if register.holder != NOBODY} == {1, 2}
     second = exchanged(merge(registers, first), present, table)
     assert second[0].holder in present
+
+
+def test_whose_turn_it_is_is_known_to_all() -> None:
+    table = HEX.table(19)
+    registers = configured(range(1, 20))
+    for lost in ({1, 2, 3}, {1}, {19}, {2, 8, 9}):
+        present = set(range(1, 20)) - lost
+        claims = {d for d in present if own_claims(registers, present, table, d, 16)}
+        assert awaited_heirs(registers, present, table) == claims
+    assert awaited_heirs(registers, set(), table) == frozenset()
 
 
 def test_drones_without_a_slot_take_the_first_free_ones_by_their_number() -> None:
