@@ -24,6 +24,7 @@ from flightstack.flight.phase import Ask, FlightPhase, PhaseStep
 from flightstack.flight.slot_transfer import SlotStep, SlotTransfer
 from flightstack.flight.strategy_call import consult
 from flightstack.flight.transitions import IN_FORMATION, IllegalTransitionError
+from flightstack.mavlink.modes import Duty
 from flightstack.sensing.autopilot_relay import AutopilotRelay, motion
 from flightstack.sensing.filter_stage import PortInput, Sensed, Sensing
 from flightstack.swarm import topics
@@ -273,6 +274,8 @@ class Agent:
             mode=vehicle.mode,
             taken_reason=vehicle.taken_reason,
             failsafe=vehicle.taken_by is TakenBy.AUTOPILOT,
+            returns=vehicle.way_down is Duty.RETURN,
+            lands=vehicle.way_down is Duty.LAND,
             crash=self._crash,
             at_takeoff_altitude=vehicle.airborne
             and position is not None

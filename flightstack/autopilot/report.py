@@ -6,7 +6,7 @@ import enum
 
 import msgspec
 
-from flightstack.mavlink.modes import Flavour
+from flightstack.mavlink.modes import Duty, Flavour
 from flightstack.mavlink.statustext import StatusText
 from mission.geometry.frames import Vector3
 
@@ -35,6 +35,8 @@ class VehicleReport(msgspec.Struct, frozen=True, kw_only=True):
     mode_ours: bool
     """The mode is GUIDED or OFFBOARD and nobody took the vehicle from us since the last arming or `take_control`."""
     taken_by: TakenBy
+    way_down: Duty | None = None
+    """How the autopilot brings the vehicle to the ground in this mode (RETURN, LAND); None where it does not."""
     taken_reason: str
     """Why and how authority was lost, in words; empty while it was not."""
     ready: bool

@@ -138,7 +138,7 @@ class AutopilotSession:
         vehicle, told = self._vehicle, len(self._vehicle.new_texts)
         if STOOD_STILL_S < still_s < math.inf and vehicle.is_ours and vehicle.armed:
             self._stood_still_s = still_s
-            vehicle.authority.stood_still(now_s)
+            vehicle.authority.stood_still(now_s, still_s)
         for message in self._codec.receive(now_s, data):
             if vehicle.hear(now_s, message):
                 self._dispatch(now_s, message)

@@ -14,7 +14,7 @@ from flightstack.autopilot.authority import Authority
 from flightstack.autopilot.report import TakenBy, VehicleReport
 from flightstack.mavlink import vehicle_state
 from flightstack.mavlink.codec import MavlinkMessage
-from flightstack.mavlink.modes import COPTER_TYPES, FLAVOURS, Duty, Flavour, mode_of
+from flightstack.mavlink.modes import COPTER_TYPES, FLAVOURS, Duty, Flavour, mode_of, way_down
 from flightstack.mavlink.role import AUTOPILOT_COMPONENT, Role, role_of, why_not_flown
 from flightstack.mavlink.statustext import StatusText
 from flightstack.mavlink.vehicle_state import (
@@ -241,6 +241,7 @@ class Telemetry(VehicleState):
             airborne=self.is_airborne(now_s),
             mode=self.mode,
             mode_ours=self.is_ours,
+            way_down=None if self.custom_mode is None else way_down(self.flavour, self.custom_mode),
             taken_by=authority.taken_by,
             taken_reason=authority.taken_reason,
             ready=not reason,

@@ -23,6 +23,10 @@ class VehicleFacts(msgspec.Struct, frozen=True):
     at_takeoff_altitude: bool
     failsafe: bool = False
     """Authority was lost to a failsafe of the autopilot, not to a person."""
+    returns: bool = False
+    """The autopilot's mode is one in which it comes home by itself."""
+    lands: bool = False
+    """The autopilot's mode is one in which it lands where it is by itself."""
     crash: str = ""
     """How and where it crashed since it was armed; empty if it did not."""
 

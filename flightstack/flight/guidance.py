@@ -68,6 +68,16 @@ _BESIDE_M = sorted(
 """A 2 m grid about home, the nearest place first."""
 
 
+HOVERS_MPS = 0.5
+"""Slower than this a vehicle stays where it is; one that passes a column, or lands beside it, is soon gone."""
+
+
+def _stays(other: Neighbour) -> bool:
+    """Will it still be there when we come, for all that is known?"""
+    moves = other.age_s <= FRESH_S and math.hypot(*other.velocity_ned_mps) > HOVERS_MPS
+    return other.airborne and other.adrift and not moves
+
+
 def column_free(point_ned_m: Vector3, neighbours: Sequence[Neighbour], room_m: float) -> bool:
     """Whether nobody who will not make way hovers within `room_m` of the column above a point."""
     return all(
@@ -76,7 +86,7 @@ def column_free(point_ned_m: Vector3, neighbours: Sequence[Neighbour], room_m: f
         )
         >= room_m
         for other in neighbours
-        if other.airborne and other.adrift
+        if _stays(other)
     )
 
 

@@ -2,7 +2,8 @@
 
 The phase decides who steers (our setpoints, the autopilot by itself, a person) and what is asked of the
 autopilot. Ground commands enter here and nowhere else. When the pilot or a failsafe of the autopilot takes the
-mode away, our authority ends in the same tick and comes back by a command only.
+mode away, our authority ends in the same tick and comes back by a command only. A failsafe that brings the vehicle
+down is followed: the phase is then what the vehicle does (`rtl`, `landing`), until it is down or a person takes it.
 """
 
 from __future__ import annotations
@@ -89,6 +90,8 @@ class FlightPhase:
         self._started: str | None = None
         self._storage = ""
         self._prompt: Ask | None = None
+        self._follows_failsafe = False
+        """The vehicle comes down because its autopilot chose to, not because anybody asked it to."""
         self._taken_s: float | None = None
         """When the mode was taken, while it has not been told by whom."""
 
@@ -220,6 +223,7 @@ class FlightPhase:
         elif self._lost_control(now_s, vehicle):
             self._happen(now_s, FlightEvent.CONTROL_LOST, None)
             self._taken_s = now_s
+        self._follow_the_failsafe(now_s, vehicle)
         self._tell_who_took_it(now_s, vehicle)
         match self.phase:
             case Phase.ARMING:
@@ -237,11 +241,24 @@ class FlightPhase:
             self._follow_the_swarm(now_s, swarm)
             self._notice_the_ground(now_s, vehicle)
 
+    def _follow_the_failsafe(self, now_s: float, vehicle: VehicleFacts) -> None:
+        """The phase is what the vehicle does: a failsafe may hold first, and its name may come after its mode."""
+        if not (vehicle.connected and vehicle.armed) or vehicle.ours:
+            return
+        if self._follows_failsafe and not vehicle.failsafe:
+            self._happen(now_s, FlightEvent.CONTROL_LOST, None)
+            self._taken_s = now_s
+        elif vehicle.failsafe and (self.phase is Phase.PILOT or self._follows_failsafe):
+            event = FlightEvent.FAILSAFE_RETURNS if vehicle.returns else FlightEvent.FAILSAFE_LANDS
+            if (vehicle.returns or vehicle.lands) and following(self.phase, event) is not self.phase:
+                self._happen(now_s, event, None)
+                self._taken_s = now_s
+
     def _tell_who_took_it(self, now_s: float, vehicle: VehicleFacts) -> None:
         """Once, as soon as it is known: an autopilot's text that names the failsafe may follow the change of mode."""
         if self._taken_s is None:
             return
-        if self.phase is not Phase.PILOT:
+        if self.phase is not Phase.PILOT and not self._follows_failsafe:
             self._taken_s = None
         elif vehicle.failsafe or now_s - self._taken_s > NAMED_WITHIN_S:
             self._taken_s = None
@@ -356,6 +373,7 @@ class FlightPhase:
         Raises `IllegalTransitionError`, and changes nothing, where it cannot be.
         """
         before, self.phase = self.phase, following(self.phase, event)
+        self._follows_failsafe = event in (FlightEvent.FAILSAFE_RETURNS, FlightEvent.FAILSAFE_LANDS)
         if self.phase is before:
             return
         if event in TAKES_CONTROL:

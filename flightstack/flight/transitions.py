@@ -17,6 +17,11 @@ STEERING = frozenset({Phase.FORMING, Phase.SEARCHING, Phase.TRACKING, Phase.HOLD
 IN_THE_AIR = STEERING | {Phase.TAKEOFF, Phase.LANDING, Phase.RTL, Phase.PILOT}
 """The phases between a take-off and a landing: a vehicle can crash in them."""
 
+WAYS_DOWN = frozenset({Phase.LANDING, Phase.RTL})
+"""The phases in which the autopilot brings the drone to the ground by itself."""
+
+_NOT_OURS = WAYS_DOWN | {Phase.PILOT}
+
 IN_FORMATION = frozenset({Phase.SEARCHING, Phase.TRACKING})
 """The phases in which the strategy decides."""
 
@@ -37,7 +42,11 @@ class FlightEvent(enum.StrEnum):
     """The take-off is over."""
     TAKEOFF_FAILED = "takeoff_failed"
     CONTROL_LOST = "control_lost"
-    """The pilot or a failsafe of the autopilot took the mode, or never gave it to us."""
+    """A pilot took the mode, or a failsafe of the autopilot that brings nothing down, or it was never given to us."""
+    FAILSAFE_RETURNS = "failsafe_returns"
+    """A failsafe of the autopilot took the mode, and comes home."""
+    FAILSAFE_LANDS = "failsafe_lands"
+    """A failsafe of the autopilot took the mode, and lands where it is."""
     DOWN = "down"
     """On the ground with the motors off."""
     CRASHED = "crashed"
@@ -127,6 +136,10 @@ TRANSITIONS: dict[tuple[Phase, FlightEvent], Phase] = {
     (Phase.RETURNING, FlightEvent.DOWN): Phase.LANDED,
     (Phase.RETURNING, FlightEvent.OVER_HOME): Phase.LANDING,
     (Phase.RETURNING, FlightEvent.BLOCKED): Phase.LANDING,
+    # A failsafe is followed down, unless a person takes the vehicle out of it.
+    **dict.fromkeys(((phase, FlightEvent.FAILSAFE_RETURNS) for phase in _NOT_OURS), Phase.RTL),
+    **dict.fromkeys(((phase, FlightEvent.FAILSAFE_LANDS) for phase in _NOT_OURS), Phase.LANDING),
+    **dict.fromkeys(((phase, FlightEvent.CONTROL_LOST) for phase in WAYS_DOWN), Phase.PILOT),
     (Phase.LANDING, FlightEvent.ABORT): Phase.LANDING,
     (Phase.LANDING, FlightEvent.RTL): Phase.RTL,
     (Phase.LANDING, FlightEvent.LAND): Phase.LANDING,

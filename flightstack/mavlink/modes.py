@@ -118,6 +118,17 @@ _PX4_MODES = {
 }
 """By (main mode, sub mode)."""
 
+_WAYS_DOWN: dict[Flavour, dict[str, Duty]] = {
+    Flavour.ARDUPILOT: {
+        "RTL": Duty.RETURN,
+        "SMART_RTL": Duty.RETURN,
+        "AUTO_RTL": Duty.RETURN,
+        "LAND": Duty.LAND,
+    },
+    Flavour.PX4: {"RTL": Duty.RETURN, "LAND": Duty.LAND, "PRECISION_LAND": Duty.LAND},
+}
+"""The modes in which an autopilot brings its vehicle to the ground by itself; PX4's blind descent shows as LAND."""
+
 _PX4_BITS = {
     (1, 0): 0,
     (2, 0): 1,
@@ -164,6 +175,11 @@ def mode_name(flavour: Flavour, custom_mode: int) -> str:
     else:
         name = None
     return name or f"MODE_{custom_mode}"
+
+
+def way_down(flavour: Flavour, custom_mode: int) -> Duty | None:
+    """How the autopilot brings the vehicle to the ground in this mode, by RETURN or LAND; None where it does not."""
+    return _WAYS_DOWN.get(flavour, {}).get(mode_name(flavour, custom_mode))
 
 
 def px4_mode_bit(custom_mode: int) -> int:

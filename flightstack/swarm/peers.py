@@ -14,13 +14,16 @@ import msgspec
 from flightstack.swarm.admission import Message
 from flightstack.swarm.incarnations import Incarnations
 from flightstack.swarm.parting import Part, is_adrift, part_of
-from flightstack.swarm.wire import TAKING_PART, DroneState, GroundBeat, Traffic, TrafficVehicle
+from flightstack.swarm.wire import TAKING_PART, DroneState, GroundBeat, Phase, Traffic, TrafficVehicle
 from mission.estimation.estimates import Scalar
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Neighbour
 
 OBSTACLE_MEMORY_S = 3600.0
 """How long a silent flying peer is kept in mind as an obstacle: longer than a battery lasts."""
+
+OUT_OF_OUR_HANDS = frozenset({Phase.RTL, Phase.PILOT, Phase.CRASHED})
+"""The phases in which an agent can tell where its vehicle is and no more: it does not make way for anybody."""
 
 FRESH_S = 1.0
 """A position this young is extended by its velocity; of an older one only the stretch is known that it lies on."""
@@ -100,7 +103,7 @@ class Peers:
                 state.airborne,
                 _aged(state.excess_co2_ppm, silence_s),
                 state.wind,
-                is_adrift(now_s - peer.facts.heard_s),
+                is_adrift(now_s - peer.facts.heard_s) or peer.state.phase in OUT_OF_OUR_HANDS,
                 state.word,
             )
         for drone, (vehicle, at_s) in self._traffic.items():

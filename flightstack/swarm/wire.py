@@ -45,7 +45,8 @@ class Phase(enum.StrEnum):
     LANDED = "landed"
     CRASHED = "crashed"
     PILOT = "pilot"
-    """A person or an autopilot failsafe has the vehicle; we send nothing until a command gives it back."""
+    """A person has the vehicle, or a failsafe that does not bring it down; nothing is sent until a command gives it
+    back."""
 
 
 TAKING_PART = frozenset(

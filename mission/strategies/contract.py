@@ -67,7 +67,7 @@ class Neighbour(msgspec.Struct, frozen=True):
     excess_co2_ppm: Scalar | None = None
     wind: Wind | None = None
     adrift: bool = False
-    """Its agent is silent: it will not make way, wherever the ground station says that it is."""
+    """It will not make way: its agent is silent, or its autopilot or a pilot has it."""
     word: bytes = b""
     """The newest `Decision.word` of its strategy, empty without one."""
 

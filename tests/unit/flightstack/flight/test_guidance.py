@@ -70,6 +70,14 @@ def test_home_is_where_one_lands_unless_somebody_hovers_there_for_good() -> None
     assert horizontal_m(beside, home) < 9.0
 
 
+def test_what_flies_past_or_lands_beside_home_does_not_block_it_for_good() -> None:
+    home: Vector3 = (10.0, 5.0, 0.0)
+    comes_home = Neighbour(9, (11.0, 5.0, -20.0), (0.0, 0.0, 1.0), 0.2, True, adrift=True)
+    assert landing_point(home, (comes_home,), 7.0, everywhere) == home
+    silent = Neighbour(9, (11.0, 5.0, -20.0), (0.0, 0.0, 1.0), 5.0, True, adrift=True)
+    assert landing_point(home, (silent,), 7.0, everywhere) != home
+
+
 def test_the_place_beside_home_is_allowed_and_free() -> None:
     home: Vector3 = (0.0, 0.0, 0.0)
     orphan = hovering((0.0, 1.0, -10.0))

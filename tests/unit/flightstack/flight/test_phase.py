@@ -381,6 +381,71 @@ def test_who_took_the_mode_is_told_once_and_by_the_autopilots_own_text() -> None
     ]
 
 
+FAILSAFE_HOME = msgspec.structs.replace(
+    UP,
+    ours=False,
+    mode="RTL",
+    failsafe=True,
+    returns=True,
+    taken_reason="mode changed from GUIDED to RTL (Fence Breached)",
+)
+FAILSAFE_DOWN = msgspec.structs.replace(FAILSAFE_HOME, mode="LAND", returns=False, lands=True)
+PILOTS = msgspec.structs.replace(
+    UP, ours=False, mode="LOITER", taken_reason="mode changed from RTL to LOITER"
+)
+
+
+@pytest.mark.parametrize("phase", sorted(STEERING | {Phase.TAKEOFF}))
+@pytest.mark.parametrize(("facts", "to"), [(FAILSAFE_HOME, Phase.RTL), (FAILSAFE_DOWN, Phase.LANDING)])
+def test_a_failsafe_that_brings_it_down_is_followed_to_the_ground_and_no_pilot(
+    phase: Phase, facts: VehicleFacts, to: Phase
+) -> None:
+    flight = Flight().to(phase)
+    step = flight.step(facts)
+    assert (step.phase, step.asks, step.steering) == (to, (), False)
+    told = "failsafe of the autopilot: mode changed from GUIDED to RTL (Fence Breached)"
+    assert [(note.code, note.text) for note in step.notes] == [("failsafe", f"{to}: {told}")]
+    assert to not in TAKING_PART, "the others must hear that it left"
+    for _ in range(100):
+        step = flight.step(facts)
+        assert (step.phase, step.asks, step.notes) == (to, (), ())
+    down = msgspec.structs.replace(facts, armed=False, airborne=False)
+    assert flight.step(down).phase is Phase.LANDED
+    assert flight.step(GROUND, ALONE, flight.command(CommandName.START)).phase is Phase.ARMING
+
+
+def test_a_failsafe_that_holds_first_or_is_named_late_is_followed_from_then_on() -> None:
+    flight = Flight().to(Phase.SEARCHING)
+    holds = msgspec.structs.replace(FAILSAFE_HOME, mode="HOLD", returns=False)
+    assert flight.step(holds).phase is Phase.PILOT
+    assert flight.step(FAILSAFE_HOME).phase is Phase.RTL
+    assert flight.step(FAILSAFE_DOWN).phase is Phase.LANDING
+    unnamed = msgspec.structs.replace(FAILSAFE_HOME, failsafe=False, taken_reason="mode changed")
+    flight = Flight().to(Phase.SEARCHING)
+    assert flight.step(unnamed).phase is Phase.PILOT
+    for _ in range(60):
+        assert flight.step(unnamed).phase is Phase.PILOT
+    assert flight.step(FAILSAFE_HOME).phase is Phase.RTL
+
+
+def test_a_pilot_who_takes_it_out_of_a_failsafe_has_it() -> None:
+    flight = Flight().to(Phase.SEARCHING)
+    flight.step(FAILSAFE_HOME)
+    told = []
+    for _ in range(40):
+        step = flight.step(PILOTS)
+        assert (step.phase, step.asks) == (Phase.PILOT, ())
+        told += [note.text for note in step.notes]
+    assert told == ["pilot: by the pilot or another ground station: mode changed from RTL to LOITER"]
+
+
+def test_a_return_by_command_is_not_the_failsafes_and_a_mode_chosen_then_is_left_alone() -> None:
+    flight = Flight().to(Phase.SEARCHING)
+    flight.step(UP, ALONE, flight.command(CommandName.RTL))
+    assert flight.step(msgspec.structs.replace(UP, ours=False, mode="RTL", returns=True)).phase is Phase.RTL
+    assert flight.step(PILOTS).phase is Phase.RTL
+
+
 def test_a_pilot_who_takes_the_mode_in_the_very_tick_after_the_take_off_keeps_it() -> None:
     flight = Flight().to(Phase.FORMING)
     step = flight.step(msgspec.structs.replace(UP, ours=False, mode="LOITER", taken_reason="mode changed"))

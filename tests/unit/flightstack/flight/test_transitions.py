@@ -41,7 +41,9 @@ armed             -  tko  -   -   -   -   -   -   -   -   -   -   -
 arming_failed     -  dis  -   -   -   -   -   -   -   -   -   -   -
 at_altitude       -   -  frm  -   -   -   -   -   -   -   -   -   -
 takeoff_failed    -   -  lnd  -   -   -   -   -   -   -   -   -   -
-control_lost      -   -  plt plt plt plt plt plt  -   -   -   -  plt
+control_lost      -   -  plt plt plt plt plt plt plt plt  -   -  plt
+failsafe_returns  -   -   -   -   -   -   -   -  rtl rtl rtl  -   -
+failsafe_lands    -   -   -   -   -   -   -   -  lnd lnd lnd  -   -
 down              -   -  dwn dwn dwn dwn dwn dwn dwn dwn dwn  -   -
 crashed           -   -  crs crs crs crs crs crs crs crs crs crs  -
 flies             -   -   -   -   -   -   -   -   -   -   -   -  lnd
@@ -129,10 +131,13 @@ def test_no_facts_lead_to_an_illegal_event(phase: Phase, name: CommandName) -> N
     command = Command("c1", "ground", 0, name)
     flags = (False, True)
     stages = (None, *Stage)
-    for connected, armed, airborne, ours, high, problem in itertools.product(flags, repeat=6):
+    failsafes = ((False, False, False), (True, False, False), (True, True, False), (True, False, True))
+    for (connected, armed, airborne, ours, high, problem), (failsafe, returns, lands) in itertools.product(
+        itertools.product(flags, repeat=6), failsafes
+    ):
         vehicle = VehicleFacts(
             connected=connected, problem="no" if problem else "", armed=armed, airborne=airborne, ours=ours,
-            mode="X", taken_reason="", at_takeoff_altitude=high,
+            mode="X", taken_reason="", at_takeoff_altitude=high, failsafe=failsafe, returns=returns, lands=lands,
         )  # fmt: skip
         for stage, member, near, must in itertools.product(stages, flags, flags, flags):
             order = None if stage is None else Order(1, stage, (0.0, 0.0, -10.0), 0.0)

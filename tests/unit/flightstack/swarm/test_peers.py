@@ -67,6 +67,13 @@ def test_a_peer_that_has_lost_its_position_is_where_it_was_then(peers: Peers) ->
     assert silence_s(peers, 14.0, 2) == pytest.approx(0.2)
 
 
+@pytest.mark.parametrize("phase", Phase)
+def test_a_drone_that_its_agent_does_not_steer_makes_no_way(peers: Peers, phase: Phase) -> None:
+    peers.hear(10.0, msgspec.structs.replace(STATE, phase=phase))
+    (neighbour,) = peers.neighbours(10.1)
+    assert neighbour.adrift is (phase in {Phase.RTL, Phase.PILOT, Phase.CRASHED})
+
+
 def beat(sequence: int) -> GroundBeat:
     return GroundBeat("ground", sequence)
 
