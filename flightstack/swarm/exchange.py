@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from flightstack.swarm.peers import PeerFacts
+from flightstack.swarm.wire import NO_TABLE
 
 PERIOD_S: Final = 0.2
 """The shortest time between two tellings of the table."""
@@ -29,15 +30,26 @@ class Exchange:
         self._tick_s = tick_s
         self._told_s: float | None = None
         self._told_digest = 0
+        self._told_slots: Mapping[int, int] | None = None
 
-    def is_due(self, now_s: float, digest: int, peers: Mapping[int, PeerFacts]) -> bool:
-        """Whether the table, whose `digest` this is, is to be told in this tick; if so, it counts as told."""
+    def is_due(
+        self,
+        now_s: float,
+        digest: int,
+        peers: Mapping[int, PeerFacts],
+        slots: Mapping[int, int] | None = None,
+    ) -> bool:
+        """Whether the table, whose `digest` this is, is to be told in this tick; if so, it counts as told. `slots`
+        (drone -> slot): whom this drone counts in, which is its own matter and not in the digest, but which displays
+        follow."""
         if self._told_s is not None:
             since_s = now_s - self._told_s + 0.5 * self._tick_s
-            differs = digest != self._told_digest or any(
-                peer.table_digest != digest and now_s - peer.heard_s < DIGEST_S for peer in peers.values()
+            changed = digest != self._told_digest or slots != self._told_slots
+            differs = changed or any(
+                peer.table_digest not in (digest, NO_TABLE) and now_s - peer.heard_s < DIGEST_S
+                for peer in peers.values()
             )
             if since_s < (PERIOD_S if differs else REFRESH_S):
                 return False
-        self._told_s, self._told_digest = now_s, digest
+        self._told_s, self._told_digest, self._told_slots = now_s, digest, slots
         return True

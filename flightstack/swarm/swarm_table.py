@@ -169,6 +169,11 @@ class SwarmTable:
         return self._drone in self.slots
 
     @property
+    def is_over(self) -> bool:
+        """Whether everybody is on the way home, so that nobody is missed any more."""
+        return self.order is not None and self.order.stage in (Stage.FOUND, Stage.GIVE_UP)
+
+    @property
     def order(self) -> Order | None:
         return self._orders.order
 
@@ -195,7 +200,7 @@ class SwarmTable:
         for told in heard:
             self._merge(told)
         lost: tuple[int, ...] = ()
-        if self.order is None or self.order.stage not in (Stage.FOUND, Stage.GIVE_UP):
+        if not self.is_over:
             lost = self._membership.step(now_s, peers, self._watched())
         self._look(now_s)
         self._claim(now_s)
@@ -385,7 +390,7 @@ class SwarmTable:
         return not is_healing and now_s - self._changed_s >= SETTLE_S
 
     def _count_heals(self, now_s: float) -> None:
-        if self._is_steady(now_s) and self.slots != self._settled_slots:
+        if self.member and not self.is_over and self._is_steady(now_s) and self.slots != self._settled_slots:
             self._slots_before, self._settled_slots = self._settled_slots, self.slots
             self.heals += any(self.slots.get(drone) != slot for drone, slot in self._slots_before.items())
 

@@ -16,7 +16,6 @@ from flightstack.swarm.wire import (
     GroundReport,
     TableState,
     Traffic,
-    TreeState,
 )
 
 
@@ -51,8 +50,8 @@ class Received(NamedTuple):
 
 
 STATE = Topic("state", Codec(DroneState), 5.0, 2.0, Delivery.BEST_EFFORT)
-TREE = Topic("tree", Codec(TreeState), 5.0, 2.0, Delivery.BEST_EFFORT)
-TABLE = Topic("table", Codec(TableState), 5.0, 2.0, Delivery.BEST_EFFORT)
+TABLE = Topic("table", Codec(TableState), 0.2, 30.0, Delivery.BEST_EFFORT)
+"""At least at its rate; five times a second while tables differ (`flightstack.swarm.exchange`)."""
 COMMAND = Topic("command", Codec(Command), None, None, Delivery.RELIABLE)
 OUTCOME = Topic("outcome", Codec(CommandOutcome), None, None, Delivery.RELIABLE)
 EVENT = Topic("event", Codec(Event), None, None, Delivery.RELIABLE)
@@ -61,7 +60,7 @@ GROUND = Topic("ground", Codec(GroundBeat), 1.0, 5.0, Delivery.BEST_EFFORT)
 REPORT = Topic("report", Codec(GroundReport), 1.0, 5.0, Delivery.BEST_EFFORT)
 
 TOPICS: dict[str, Topic] = {
-    t.name: t for t in (STATE, TREE, TABLE, COMMAND, OUTCOME, EVENT, TRAFFIC, GROUND, REPORT)
+    t.name: t for t in (STATE, TABLE, COMMAND, OUTCOME, EVENT, TRAFFIC, GROUND, REPORT)
 }
 
-RECEIVED_BY_DRONES = (STATE, TREE, COMMAND, TRAFFIC, GROUND)
+RECEIVED_BY_DRONES = (STATE, TABLE, COMMAND, TRAFFIC, GROUND)
