@@ -13,7 +13,7 @@ from typing import Final
 from flightstack.swarm.peers import PeerFacts
 
 PERIOD_S: Final = 0.2
-"""The shortest time between two tellings of the table."""
+"""The shortest time between two tellings of the table; news do not wait for the end of it after a repetition."""
 
 REFRESH_S: Final = 5.0
 """The longest: digests of 32 bits may be the same by chance, and an old one may have been the last that was heard."""
@@ -29,15 +29,20 @@ class Exchange:
         self._tick_s = tick_s
         self._told_s: float | None = None
         self._told_digest = 0
+        self._told_again = False
+        """The newest telling repeated what had been told before."""
 
     def is_due(self, now_s: float, digest: int, peers: Mapping[int, PeerFacts]) -> bool:
         """Whether the table, whose `digest` this is, is to be told in this tick; if so, it counts as told."""
         if self._told_s is not None:
             since_s = now_s - self._told_s + 0.5 * self._tick_s
-            differs = digest != self._told_digest or any(
+            is_new = digest != self._told_digest
+            differs = is_new or any(
                 peer.table_digest != digest and now_s - peer.heard_s < DIGEST_S for peer in peers.values()
             )
-            if since_s < (PERIOD_S if differs else REFRESH_S):
+            soon = is_new and self._told_again
+            if since_s < (PERIOD_S if differs else REFRESH_S) and not soon:
                 return False
+            self._told_again = not is_new
         self._told_s, self._told_digest = now_s, digest
         return True

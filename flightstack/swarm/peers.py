@@ -14,7 +14,15 @@ import msgspec
 from flightstack.swarm.admission import Message
 from flightstack.swarm.incarnations import Incarnations
 from flightstack.swarm.parting import Part, is_adrift, part_of
-from flightstack.swarm.wire import TAKING_PART, DroneState, GroundBeat, Phase, Traffic, TrafficVehicle
+from flightstack.swarm.wire import (
+    TAKING_PART,
+    DroneState,
+    GroundBeat,
+    Phase,
+    TableState,
+    Traffic,
+    TrafficVehicle,
+)
 from mission.estimation.estimates import Scalar
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Neighbour
@@ -67,6 +75,10 @@ class Peers:
         match message:
             case DroneState():
                 self._hear_state(now_s, message)
+            case TableState():
+                peer = self.peers.get(message.sender)
+                if peer is not None and message.incarnation == peer.facts.incarnation:
+                    peer.facts = msgspec.structs.replace(peer.facts, table_digest=message.digest)
             case Traffic():
                 for vehicle in message.vehicles:
                     if vehicle.drone != self._drone:

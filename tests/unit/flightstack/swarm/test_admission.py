@@ -40,6 +40,7 @@ from flightstack.swarm.wire import (
     HeardVehicle,
     MemberRegister,
     Phase,
+    ReadingsState,
     Result,
     Severity,
     TableState,
@@ -65,8 +66,9 @@ STATE = DroneState(
 CLAIM = SlotRegister(3, 2, 5)
 TABLE = TableState(
     2, 1, 1, 0, "survey", ((0, CLAIM), (3, SlotRegister(1))), ((4, MemberRegister(2, 2, -1)),), (4,), ORDER, CLAIM,
-    (READING,), 2,
+    2,
 )  # fmt: skip
+READINGS = ReadingsState(2, 1, 1, 0, "survey", READING.order, (READING,), (1, 4))
 COMMAND = Command("c1", "ground", 0, CommandName.START)
 replace = msgspec.structs.replace
 
@@ -85,6 +87,7 @@ def message(topic: Topic, sender: str, content: object) -> PeerMessage:
         STATE,
         TREE,
         TABLE,
+        READINGS,
         COMMAND,
         replace(TREE, order=None, readings=()),
         replace(TABLE, order=None, ordered_by=None),
@@ -155,7 +158,15 @@ def test_a_drone_without_a_sensor_reports_a_reading_of_infinite_variance() -> No
         replace(TABLE, members=((4, MemberRegister(1, -1, 2)),)),
         replace(TABLE, absent=(99,)),
         replace(TABLE, absent=(4,) * 10_000),
-        replace(TABLE, readings=(replace(READING, variance_ppm2=NAN),)),
+        replace(READINGS, sequence=-1),
+        replace(READINGS, readings=(READING,) * 10_000),
+        replace(READINGS, readings=(replace(READING, drone=99),)),
+        replace(READINGS, readings=(replace(READING, excess_co2_ppm=NAN),)),
+        replace(READINGS, readings=(replace(READING, variance_ppm2=-1.0),)),
+        replace(READINGS, readings=(replace(READING, variance_ppm2=NAN),)),
+        replace(READINGS, readings=(replace(READING, position_ned_m=(INF, 0.0, 0.0)),)),
+        replace(READINGS, held=(99,)),
+        replace(READINGS, held=(4,) * 10_000),
         replace(TABLE, order=None),
         replace(TABLE, ordered_by=None),
         replace(TABLE, ordered_by=replace(CLAIM, holder=99)),
@@ -212,6 +223,9 @@ def refused_as(admission: Admission, content: object, sender: str) -> RefusalKin
         (TREE, "2", None),
         (STATE, "2", None),
         (TREE, "3", RefusalKind.MISNAMED),
+        (READINGS, "3", RefusalKind.MISNAMED),
+        (replace(READINGS, frame=9), "2", RefusalKind.FOREIGN_FRAME),
+        (replace(READINGS, sender=7), "7", RefusalKind.STRANGER),
         (replace(TREE, frame=9), "2", RefusalKind.FOREIGN_FRAME),
         (replace(TREE, sender=7), "7", RefusalKind.STRANGER),
         (replace(TREE, slots=((1, 0), (2, 10**9))), "2", RefusalKind.IMPLAUSIBLE),
