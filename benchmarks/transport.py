@@ -15,7 +15,7 @@ from flightstack.recording import named_json
 from flightstack.swarm.topics import STATE, TABLE, Topic
 from flightstack.swarm.wire import DroneState, Phase, TableState
 from flightstack.transport.zenoh_transport import ZenohTransport
-from mission.estimation.estimates import Reading, Scalar, Wind
+from mission.estimation.estimates import Scalar, Wind
 from mission.strategies.contract import Order, Stage
 from mission.tree.slot_registers import SlotRegister, configured
 from simvehicle.survey.ports import free_ports
@@ -60,7 +60,6 @@ TABLE_MESSAGE = TableState(
     absent=(),
     order=Order(4, Stage.TRACK, (1.0, 2.0, -10.0), 0.5),
     ordered_by=SlotRegister(0, 1),
-    readings=tuple(Reading(n, 4, (1.5, 2.5, -10.0), 12.5, 0.25) for n in range(1, PEERS + 1)),
 )
 
 PEER = """
@@ -102,7 +101,7 @@ def codecs() -> None:
     print(f"{'message':<28} {'bytes':>6} {'encode us':>10} {'decode us':>10} {'json bytes':>11}")
     cases: tuple[tuple[str, Topic, DroneState | TableState], ...] = (
         ("state", STATE, STATE_MESSAGE),
-        (f"table of {PEERS} with readings", TABLE, TABLE_MESSAGE),
+        (f"table of {PEERS}", TABLE, TABLE_MESSAGE),
     )
     for what, topic, message in cases:
         data = topic.codec.encode(message)

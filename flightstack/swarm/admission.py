@@ -25,6 +25,7 @@ from flightstack.swarm.wire import (
     GroundBeat,
     GroundReport,
     MemberRegister,
+    ReadingsState,
     TableState,
     Traffic,
     TrafficVehicle,
@@ -37,7 +38,17 @@ from mission.strategies.contract import Decision, GoTo, Order, Velocity
 from mission.tree.balanced_tree import NOBODY
 from mission.tree.slot_registers import SlotRegister
 
-Message = DroneState | TableState | Command | CommandOutcome | Event | Traffic | GroundBeat | GroundReport
+Message = (
+    DroneState
+    | TableState
+    | ReadingsState
+    | Command
+    | CommandOutcome
+    | Event
+    | Traffic
+    | GroundBeat
+    | GroundReport
+)
 
 FARTHEST_M = 100_000.0
 """From the origin of the swarm's frame, per axis."""
@@ -117,7 +128,7 @@ class Admission:
 
     def _misplaced(self, sender: str, message: Message) -> tuple[RefusalKind, str] | None:
         """What is wrong with where a message comes from."""
-        if isinstance(message, DroneState | TableState):
+        if isinstance(message, DroneState | TableState | ReadingsState):
             if str(message.sender) != sender:
                 return _misnamed(message.sender, sender)
             if message.sender == self._drone:
@@ -132,7 +143,9 @@ class Admission:
             and sender != str(message.sender)
         ):
             return _misnamed(message.sender, sender)
-        if isinstance(message, DroneState | TableState | Traffic) and self._frame_identity not in (
+        if isinstance(
+            message, DroneState | TableState | ReadingsState | Traffic
+        ) and self._frame_identity not in (
             None,
             message.frame,
         ):
@@ -156,6 +169,8 @@ def refusal(message: object, members: Collection[int]) -> str:
             return _state(message)
         case TableState():
             return _table(message, members)
+        case ReadingsState():
+            return _readings(message, members)
         case Command():
             return _command(message)
         case Traffic():
@@ -274,7 +289,7 @@ def _table(state: TableState, members: Collection[int]) -> str:
     size = len(members)
     if not (0 <= state.heals < LARGEST_COUNT and 0 <= state.sequence < LARGEST_COUNT):
         return "its count of heals or messages is none"
-    if max(len(state.slots), len(state.members), len(state.absent), len(state.readings)) > size:
+    if max(len(state.slots), len(state.members), len(state.absent)) > size:
         return "it lists more than there are drones"
     slots = [slot for slot, _ in state.slots]
     if len(set(slots)) < len(slots) or not all(0 <= slot < size for slot in slots):
@@ -286,12 +301,20 @@ def _table(state: TableState, members: Collection[int]) -> str:
         return "its members are not those of this swarm"
     if not all(_is_member_register(register) for _, register in state.members):
         return "a member's life in it is none"
-    if not all(_is_reading(reading) for reading in state.readings):
-        return "a reading in it is none"
     if state.order is None or state.ordered_by is None:
         neither = state.order is None and state.ordered_by is None
         return "" if neither else "its order and the claim of who gave it are told apart"
     return _order(state.order) if _is_claim(state.ordered_by, members) else "nobody gave its order"
+
+
+def _readings(state: ReadingsState, members: Collection[int]) -> str:
+    if not 0 <= state.sequence < LARGEST_COUNT:
+        return "its count of messages is none"
+    if max(len(state.readings), len(state.held)) > len(members):
+        return "it lists more drones than there are"
+    if not all(_is_reading(reading) and reading.drone in members for reading in state.readings):
+        return "a reading in it is none"
+    return "" if all(drone in members for drone in state.held) else "it holds readings of strangers"
 
 
 def _is_claim(register: SlotRegister, members: Collection[int]) -> bool:

@@ -12,7 +12,7 @@ from flightstack.swarm.exchange import Exchange
 from flightstack.swarm.news import Note
 from flightstack.swarm.peers import PeerFacts
 from flightstack.swarm.swarm_table import SwarmTable
-from flightstack.swarm.topics import EVENT, OUTCOME, STATE, TABLE
+from flightstack.swarm.topics import EVENT, OUTCOME, READINGS, STATE, TABLE
 from flightstack.swarm.wire import NO_TABLE, CommandOutcome, DroneState, Event, Phase
 from mission.strategies.contract import TreePlace
 
@@ -72,8 +72,8 @@ class Announcements:
         table: SwarmTable,
         peers: Mapping[int, PeerFacts],
     ) -> Announced:
-        """What is told in this tick: events and answers at once, state and table when they are due. A drone that has
-        not been started yet has no table to tell."""
+        """What is told in this tick: events and answers at once, state, table and readings when they are due. A drone
+        that has not been started yet has no table to tell."""
         events = self._numbered(notes)
         messages = [(EVENT.name, EVENT.codec.encode(event)) for event in events]
         messages += [(OUTCOME.name, OUTCOME.codec.encode(outcome)) for outcome in outcomes]
@@ -82,6 +82,9 @@ class Announcements:
             messages.append((STATE.name, STATE.codec.encode(self._state(own, digest))))
         if digest != NO_TABLE and self._exchange.is_due(now_s, digest, peers, table.slots):
             messages.append((TABLE.name, TABLE.codec.encode(table.message())))
+        readings = table.readings_message(now_s, self._tick_s)
+        if readings is not None:
+            messages.append((READINGS.name, READINGS.codec.encode(readings)))
         return Announced(tuple(messages), events)
 
     def _is_state_due(self, now_s: float) -> bool:

@@ -14,7 +14,7 @@ from flightstack.swarm.peers import PeerFacts
 from flightstack.swarm.wire import NO_TABLE
 
 PERIOD_S: Final = 0.2
-"""The shortest time between two tellings of the table."""
+"""The shortest time between two tellings of the table; news do not wait for the end of it after a repetition."""
 
 REFRESH_S: Final = 5.0
 """The longest: digests of 32 bits may be the same by chance, and an old one may have been the last that was heard."""
@@ -31,6 +31,8 @@ class Exchange:
         self._told_s: float | None = None
         self._told_digest = 0
         self._told_slots: Mapping[int, int] | None = None
+        self._told_again = False
+        """The newest telling repeated what had been told before."""
 
     def is_due(
         self,
@@ -44,12 +46,14 @@ class Exchange:
         follow."""
         if self._told_s is not None:
             since_s = now_s - self._told_s + 0.5 * self._tick_s
-            changed = digest != self._told_digest or slots != self._told_slots
-            differs = changed or any(
+            is_new = digest != self._told_digest or slots != self._told_slots
+            differs = is_new or any(
                 peer.table_digest not in (digest, NO_TABLE) and now_s - peer.heard_s < DIGEST_S
                 for peer in peers.values()
             )
-            if since_s < (PERIOD_S if differs else REFRESH_S):
+            soon = is_new and self._told_again
+            if since_s < (PERIOD_S if differs else REFRESH_S) and not soon:
                 return False
+            self._told_again = not is_new
         self._told_s, self._told_digest, self._told_slots = now_s, digest, slots
         return True

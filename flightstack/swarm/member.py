@@ -25,6 +25,7 @@ from flightstack.swarm.wire import (
     CommandOutcome,
     DroneState,
     Phase,
+    ReadingsState,
     Severity,
     TableState,
 )
@@ -110,7 +111,7 @@ class SwarmMember:
         """Hear what came. `phase` and `decision` are this drone's own of the tick before, `position_ned_m` is where
         it is now."""
         commands: list[Command] = []
-        tables: list[TableState] = []
+        told: list[TableState | ReadingsState] = []
         refused: list[Note] = []
         for item in received:
             message = self._admission.admit(item)
@@ -120,9 +121,10 @@ class SwarmMember:
                         refused.append(Note(Severity.WARNING, "peer", message.text))
                     if message.kind is RefusalKind.TWIN and isinstance(message.message, DroneState):
                         self._twin, self._twin_s = message.message, now_s
-                case TableState():
+                case TableState() | ReadingsState():
                     if self._peers.speaks(message.sender, message.incarnation):
-                        tables.append(message)
+                        told.append(message)
+                        self._peers.hear(now_s, message)
                 case Command():
                     commands.append(message)
                 case _:
@@ -130,11 +132,11 @@ class SwarmMember:
         facts = self._peers.facts()
         table = self._table
         self._announce(phase)
-        news = table.step(now_s, tables, facts, decision, position_ned_m)
+        news = table.step(now_s, told, facts, decision, position_ned_m)
         return SwarmView(
             tuple(commands),
             self._peers.neighbours(now_s),
-            table.place(now_s, facts),
+            table.place(now_s),
             table.order,
             table.readings,
             self._slot_ned_m(),

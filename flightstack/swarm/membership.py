@@ -4,8 +4,9 @@ Every member has a register of three counters, and merging takes of each the gre
 messages do no harm. A *life* is the time between two doubts about a member. Whoever misses a neighbour says that it
 is *suspected* in its present life. That alone moves nobody: the suspected one hears of it, by whatever way it still
 hears the swarm, and begins its next life, which refutes it. Only a suspicion that stands for `SETTLE_S` makes a
-member *lost*, and everybody counts that time on its own clock. A member that is lost and heard again later refutes
-in the same way, and takes part again.
+member *lost*, and everybody counts that time on its own clock, and trusts its own ears: whoever has heard the
+suspected one of late waits for `OBJECTION_S`. A member that is lost and heard again later refutes in the same way,
+and takes part again.
 
 A member *leaves* by saying so, or by a state that says that it does not take part; it returns with its next life,
 once it is in the air.
@@ -29,12 +30,12 @@ from flightstack.swarm.peers import PeerFacts
 from flightstack.swarm.wire import MemberRegister
 from mission.tree.slot_registers import STRIDE
 
-SETTLE_S: Final = 0.5
-"""How long a suspicion must stand unrefuted. A state and its answer take 0.4 s at 5 Hz."""
+SETTLE_S: Final = 0.3
+"""How long a suspicion must stand unrefuted: word and answer take a tick of 0.1 s each, and one to spare."""
 
 OBJECTION_S: Final = 2.0
-"""How long a drone that itself hears the suspected one waits for its refutation: who only speaks and hears nobody
-cannot be a member, but a radio that loses a third needs more than one try."""
+"""How long a drone that has itself heard the suspected one of late waits for its refutation: who only speaks and
+hears nobody cannot be a member, but a radio that loses a third needs more than one try."""
 
 HEARD_S: Final = 2.0
 """A member heard within this time supports what this drone claims."""
@@ -44,6 +45,9 @@ STEADY_SUPPORT_S: Final = 5.0
 
 JOIN_S: Final = 30.0
 """How long after the start a member may be unheard, or not arming yet, before that counts against it."""
+
+_INSTANT_S: Final = 1e-6
+"""Times are sums of ticks, and not exact."""
 
 
 class Standing(enum.Enum):
@@ -105,6 +109,9 @@ class Membership:
         self._lost: dict[int, int] = {}
         """By drone: the life in which it was lost."""
         self._support: deque[tuple[float, int]] = deque()
+        self._present = frozenset(self._members)
+        self._present_is_stale = True
+        self._digest: int | None = None
         if not takes_part:
             self.leave()
 
@@ -116,13 +123,19 @@ class Membership:
     @property
     def digest(self) -> int:
         """32 bits that differ where two drones' registers differ."""
-        return zlib.crc32(msgspec.msgpack.encode(sorted(self._registers.items())))
+        if self._digest is None:
+            self._digest = zlib.crc32(msgspec.msgpack.encode(sorted(self._registers.items())))
+        return self._digest
 
     @property
     def present(self) -> frozenset[int]:
-        """The members that count as there."""
-        gone = {Standing.LOST, Standing.LEFT}
-        return frozenset(drone for drone in self._members if self.standing(drone) not in gone)
+        """The members that count as there; the same object as long as it is the same."""
+        if self._present_is_stale:
+            self._present_is_stale = False
+            present = frozenset(drone for drone in self._members if self._is_present(drone))
+            if present != self._present:
+                self._present = present
+        return self._present
 
     @property
     def support(self) -> int:
@@ -141,7 +154,7 @@ class Membership:
         """This drone takes no part from now on: its heir does not wait for silence. Said again it changes nothing."""
         self._takes_part = self._is_ready = False
         own = self._own
-        self._registers[self._drone] = msgspec.structs.replace(own, left=own.life)
+        self._write(self._drone, msgspec.structs.replace(own, left=own.life))
 
     def rejoin(self) -> None:
         """This drone is in the air and takes part (again). Said again it changes nothing."""
@@ -150,8 +163,11 @@ class Membership:
 
     def merge(self, told: MemberRegisters) -> None:
         """Take what another tells of this survey; what it says of no member is nothing."""
-        bounded = {drone: self._bounded(drone, told[drone]) for drone in self._members if drone in told}
-        self._registers = merge_members(self._registers, bounded)
+        news = {drone: told[drone] for drone in told if told[drone] != self._registers.get(drone)}
+        bounded = {drone: self._bounded(drone, news[drone]) for drone in self._members if drone in news}
+        merged = merge_members(self._registers, bounded)
+        for drone in bounded:
+            self._write(drone, merged[drone])
         if self._takes_part and (self._is_ready or self._own.left < self._own.life):
             self._refute()
         else:
@@ -171,11 +187,19 @@ class Membership:
     def _own(self) -> MemberRegister:
         return self._registers.get(self._drone, UNDOUBTED)
 
+    def _write(self, drone: int, register: MemberRegister) -> None:
+        if self._registers.get(drone) != register:
+            self._registers[drone] = register
+            self._present_is_stale, self._digest = True, None
+
+    def _is_present(self, drone: int) -> bool:
+        return drone not in self._registers or self.standing(drone) not in (Standing.LOST, Standing.LEFT)
+
     def _refute(self) -> None:
         """Begin the next life if the present one is in doubt."""
         own = self._own
         if max(own.suspected, own.left) >= own.life:
-            self._registers[self._drone] = msgspec.structs.replace(own, life=own.life + 1)
+            self._write(self._drone, msgspec.structs.replace(own, life=own.life + 1))
 
     def _bounded(self, drone: int, told: MemberRegister) -> MemberRegister:
         life = min(told.life, self._registers.get(drone, UNDOUBTED).life + STRIDE)
@@ -192,7 +216,7 @@ class Membership:
         absent = not peer.taking_part and (drone in self._joined or now_s - self._began_s > JOIN_S)
         if fresh and (restarted or absent) and self.standing(drone) is not Standing.LEFT:
             register = self._registers.get(drone, UNDOUBTED)
-            self._registers[drone] = msgspec.structs.replace(register, left=register.life)
+            self._write(drone, msgspec.structs.replace(register, left=register.life))
 
     def _watch(self, now_s: float, peers: Mapping[int, PeerFacts], watched: Collection[int]) -> None:
         self._missed_since_s = {drone: self._missed_since_s.get(drone, now_s) for drone in watched}
@@ -205,7 +229,7 @@ class Membership:
                 continue
             if self.standing(drone) is Standing.ALIVE:
                 register = self._registers.get(drone, UNDOUBTED)
-                self._registers[drone] = msgspec.structs.replace(register, suspected=register.life)
+                self._write(drone, msgspec.structs.replace(register, suspected=register.life))
                 # Its next life, if it comes, is a word of its own: it is missed anew from then on.
                 self._missed_since_s[drone] = now_s
 
@@ -223,9 +247,11 @@ class Membership:
         before = self._lost
         self._lost = {}
         for drone, (life, at_s) in self._suspected_since_s.items():
-            is_heard = drone in peers and peers[drone].heard_s > at_s
-            if now_s - at_s >= (OBJECTION_S if is_heard else SETTLE_S):
+            is_heard = drone in peers and now_s - peers[drone].heard_s <= self._suspect_after_s
+            if now_s - at_s >= (OBJECTION_S if is_heard else SETTLE_S) - _INSTANT_S:
                 self._lost[drone] = life
+        if self._lost != before:
+            self._present_is_stale = True
         return tuple(sorted(drone for drone, life in self._lost.items() if before.get(drone) != life))
 
     def _note_support(self, now_s: float, peers: Mapping[int, PeerFacts]) -> None:

@@ -1,21 +1,24 @@
-"""The order that counts, and the readings for it that have come in: two values that are told beside the table.
+"""The order that counts, which is told beside the table.
 
 An order bears the claim to the root's slot by which it was given. The one that bears the claim that stands counts
 before any other, then the newer one: what a root ordered that another has displaced is forgotten by itself.
+
+Orders are numbered, and no number may be further than `STRIDE` beyond all that were heard of before: what is further
+off counts for that much and is not taken until the numbers have come near, so that nobody can use them up at once.
+One that comes late to a swarm with great numbers catches up by as many messages as it takes.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 import msgspec
 
-from mission.estimation.estimates import Reading
 from mission.geometry.formation import Layout, rotated
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Order
-from mission.tree.slot_registers import SlotRegister
+from mission.tree.slot_registers import STRIDE, SlotRegister
 
 
 class Orders:
@@ -25,20 +28,19 @@ class Orders:
         self.order: Order | None = None
         self.ordered_by: SlotRegister | None = None
         self._greatest_sequence = 0
-        self._readings: dict[int, Reading] = {}
 
     @property
     def next_sequence(self) -> int:
         """Greater than that of any order heard of."""
         return self._greatest_sequence + 1
 
-    @property
-    def readings(self) -> tuple[Reading, ...]:
-        """The readings for the current order that have reached this drone, by ascending drone."""
-        return tuple(self._readings[drone] for drone in sorted(self._readings))
-
     def offer(self, order: Order, ordered_by: SlotRegister, root: SlotRegister) -> None:
         """Hear of an order; `root` is the claim to the root's slot that stands."""
+        if order == self.order and ordered_by == self.ordered_by:
+            return
+        if order.sequence > (limit := self._greatest_sequence + STRIDE):
+            self._greatest_sequence = limit
+            return
         self._greatest_sequence = max(self._greatest_sequence, order.sequence)
         known, known_by = self.order, self.ordered_by
         if (
@@ -50,16 +52,7 @@ class Orders:
 
     def set(self, order: Order, ordered_by: SlotRegister) -> None:
         self._greatest_sequence = max(self._greatest_sequence, order.sequence)
-        if self.order is None or order.sequence != self.order.sequence:
-            self._readings = {}
         self.order, self.ordered_by = order, ordered_by
-
-    def note(self, readings: Iterable[Reading], slots: Mapping[int, int]) -> None:
-        """Keep the readings for the current order of drones that hold a slot."""
-        for reading in readings:
-            is_current = self.order is not None and reading.order == self.order.sequence
-            if is_current and reading.drone in slots:
-                self._readings[reading.drone] = reading
 
 
 def stopped_anchor(

@@ -21,6 +21,7 @@ from flightstack.swarm.wire import (
     DroneState,
     GroundBeat,
     Phase,
+    TableState,
     Traffic,
     TrafficVehicle,
 )
@@ -81,6 +82,11 @@ class Peers:
         match message:
             case DroneState():
                 self._hear_state(now_s, message)
+            case TableState():
+                peer = self.peers.get(message.sender)
+                known = peer is not None and peer.facts.table_digest != NO_TABLE
+                if peer is not None and known and message.incarnation == peer.facts.incarnation:
+                    peer.facts = msgspec.structs.replace(peer.facts, table_digest=message.digest)
             case Traffic():
                 for vehicle in message.vehicles:
                     if vehicle.drone != self._drone:

@@ -139,9 +139,10 @@ class TableState(msgspec.Struct, frozen=True, array_like=True, tag="table"):
     order: Order | None
     ordered_by: SlotRegister | None
     """The claim to the root's slot by which `order` was given."""
-    readings: tuple[Reading, ...]
     heals: int = 0
     """How often the sender has seen the table whole again after somebody was lost or moved."""
+    digest: int = 0
+    """As `DroneState.table_digest`."""
 
     @property
     def held(self) -> dict[int, int]:
@@ -153,6 +154,25 @@ class TableState(msgspec.Struct, frozen=True, array_like=True, tag="table"):
     def epoch(self) -> int:
         """How often slots were claimed or vacated, as far as the sender knows."""
         return sum(register.version for _, register in self.slots)
+
+
+class ReadingsState(msgspec.Struct, frozen=True, array_like=True, tag="readings"):
+    """Readings on their way to the root, and whose have come this far (`flightstack.swarm.reading_relay`)."""
+
+    sender: int
+    incarnation: int
+    sequence: int
+    """Counts the sender's messages of this kind since its start, from 1."""
+    frame: int
+    survey: str
+    order: int
+    """Sequence number of the order for which they were taken."""
+    readings: tuple[Reading, ...]
+    """That are not known to be nearer to the root; the sender has them."""
+    held: tuple[int, ...] = ()
+    """Drones whose readings the sender was told, and has."""
+    to_anybody: bool = False
+    """The sender's own way to the root is broken: whoever hears this takes the readings up its own."""
 
 
 class CommandName(enum.StrEnum):

@@ -53,14 +53,14 @@ def configured(members: Collection[int]) -> dict[int, SlotRegister]:
     return {slot: SlotRegister(0, drone) for slot, drone in enumerate(members)}
 
 
-def merge(ours: Registers, theirs: Registers) -> dict[int, SlotRegister]:
-    """What both tell together: commutative, associative, idempotent."""
-    merged = dict(ours)
+def merge(ours: Registers, theirs: Registers) -> Registers:
+    """What both tell together: commutative, associative, idempotent. `ours` itself where theirs tells nothing new."""
+    news: dict[int, SlotRegister] = {}
     for slot, register in theirs.items():
-        known = merged.get(slot)
-        if known is None or _rank(register) > _rank(known):
-            merged[slot] = register
-    return merged
+        known = ours.get(slot)
+        if known is None or (register != known and _rank(register) > _rank(known)):
+            news[slot] = register
+    return {**ours, **news} if news else ours
 
 
 def within_stride(ours: Registers, theirs: Registers) -> dict[int, SlotRegister]:

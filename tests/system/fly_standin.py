@@ -87,9 +87,7 @@ def agent(config: DroneConfig) -> None:
             source = (30.5, -84.0, -10.0) if stage is Stage.FOUND else None
             order = Order(list(Stage).index(stage) + 1, stage, where, 0.0, source)
             claims = tuple(configured(swarm.members).items())
-            table = TableState(
-                config.drone, os.getpid(), ticks, 7, "", claims, (), (), order, claims[0][1], ()
-            )
+            table = TableState(config.drone, os.getpid(), ticks, 7, "", claims, (), (), order, claims[0][1])
             transport.publish(topics.TABLE, topics.TABLE.codec.encode(table))
         told = file.with_suffix(".new")
         told.write_bytes(msgspec.json.encode(ToldPlace(now_s, where, airborne)))

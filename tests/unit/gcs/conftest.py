@@ -146,7 +146,6 @@ def make_table(drone: int, members: tuple[int, ...], *, epoch: int = 1, **change
         absent=(),
         order=None,
         ordered_by=None,
-        readings=(),
     )
     return msgspec.structs.replace(table, **changes)
 

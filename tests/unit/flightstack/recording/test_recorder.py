@@ -33,7 +33,7 @@ from flightstack.recording.recorder import (
     unused,
 )
 from flightstack.swarm.wire import DroneState, MemberRegister, Phase, TableState
-from mission.estimation.estimates import Reading, Scalar, Wind
+from mission.estimation.estimates import Scalar, Wind
 from mission.strategies.contract import Order, Stage
 from mission.tree.slot_registers import SlotRegister
 
@@ -72,7 +72,6 @@ TABLE = TableState(
     absent=(2,),
     order=Order(4, Stage.TRACK, (1.0, 2.0, -3.0), 0.5),
     ordered_by=SlotRegister(0, 1),
-    readings=(Reading(3, 4, (1.0, 2.0, 3.0), 12.5, 0.25),),
 )
 
 

@@ -40,6 +40,7 @@ from flightstack.swarm.wire import (
     HeardVehicle,
     MemberRegister,
     Phase,
+    ReadingsState,
     Result,
     Severity,
     TableState,
@@ -62,8 +63,9 @@ STATE = DroneState(
 CLAIM = SlotRegister(3, 2, 5)
 TABLE = TableState(
     2, 1, 1, 0, "survey", ((0, CLAIM), (3, SlotRegister(1))), ((4, MemberRegister(2, 2, -1)),), (4,), ORDER, CLAIM,
-    (READING,), 2,
+    2,
 )  # fmt: skip
+READINGS = ReadingsState(2, 1, 1, 0, "survey", READING.order, (READING,), (1, 4))
 COMMAND = Command("c1", "ground", 0, CommandName.START)
 replace = msgspec.structs.replace
 
@@ -81,9 +83,9 @@ def message(topic: Topic, sender: str, content: object) -> PeerMessage:
     [
         STATE,
         TABLE,
+        READINGS,
         COMMAND,
         replace(TABLE, order=None, ordered_by=None),
-        replace(TABLE, readings=()),
     ],
 )
 def test_what_a_healthy_node_says_is_believed(good: object) -> None:
@@ -92,7 +94,7 @@ def test_what_a_healthy_node_says_is_believed(good: object) -> None:
 
 def test_a_drone_without_a_sensor_reports_a_reading_of_infinite_variance() -> None:
     blind = replace(READING, excess_co2_ppm=0.0, variance_ppm2=INF)
-    assert refusal(replace(TABLE, readings=(blind,)), MEMBERS) == ""
+    assert refusal(replace(READINGS, readings=(blind,)), MEMBERS) == ""
 
 
 @pytest.mark.parametrize(
@@ -105,11 +107,6 @@ def test_a_drone_without_a_sensor_reports_a_reading_of_infinite_variance() -> No
         replace(STATE, position_age_s=NAN),
         replace(STATE, position_age_s=-1.0),
         replace(TABLE, heals=2**63),
-        replace(TABLE, readings=(READING,) * 10_000),
-        replace(TABLE, readings=(replace(READING, excess_co2_ppm=NAN),)),
-        replace(TABLE, readings=(replace(READING, variance_ppm2=-1.0),)),
-        replace(TABLE, readings=(replace(READING, variance_ppm2=NAN),)),
-        replace(TABLE, readings=(replace(READING, position_ned_m=(INF, 0.0, 0.0)),)),
         replace(TABLE, order=replace(ORDER, sequence=2**64 - 1)),
         replace(TABLE, order=replace(ORDER, anchor_ned_m=(NAN, 0.0, 0.0))),
         replace(TABLE, order=replace(ORDER, rotation_rad=INF)),
@@ -135,6 +132,15 @@ def test_a_drone_without_a_sensor_reports_a_reading_of_infinite_variance() -> No
         replace(TABLE, members=((4, MemberRegister(1, -1, 2)),)),
         replace(TABLE, absent=(99,)),
         replace(TABLE, absent=(4,) * 10_000),
+        replace(READINGS, sequence=-1),
+        replace(READINGS, readings=(READING,) * 10_000),
+        replace(READINGS, readings=(replace(READING, drone=99),)),
+        replace(READINGS, readings=(replace(READING, excess_co2_ppm=NAN),)),
+        replace(READINGS, readings=(replace(READING, variance_ppm2=-1.0),)),
+        replace(READINGS, readings=(replace(READING, variance_ppm2=NAN),)),
+        replace(READINGS, readings=(replace(READING, position_ned_m=(INF, 0.0, 0.0)),)),
+        replace(READINGS, held=(99,)),
+        replace(READINGS, held=(4,) * 10_000),
         replace(TABLE, order=None),
         replace(TABLE, ordered_by=None),
         replace(TABLE, ordered_by=replace(CLAIM, holder=99)),
@@ -190,6 +196,9 @@ def refused_as(admission: Admission, content: object, sender: str) -> RefusalKin
         (TABLE, "2", None),
         (STATE, "2", None),
         (TABLE, "3", RefusalKind.MISNAMED),
+        (READINGS, "3", RefusalKind.MISNAMED),
+        (replace(READINGS, frame=9), "2", RefusalKind.FOREIGN_FRAME),
+        (replace(READINGS, sender=7), "7", RefusalKind.STRANGER),
         (replace(TABLE, frame=9), "2", RefusalKind.FOREIGN_FRAME),
         (replace(TABLE, sender=7), "7", RefusalKind.STRANGER),
         (replace(TABLE, slots=((5, CLAIM),)), "2", RefusalKind.IMPLAUSIBLE),
@@ -328,7 +337,10 @@ def test_no_well_formed_message_ends_an_agent(
     frame = flyer.frame.identity
     flyer.step(1.0, Inputs(peers=(message(topics.COMMAND, "ground", COMMAND),)))
     flyer._swarm.begin(1.0, "c1", (0.0, 0.0, -10.0))  # as if its autopilot had been there to accept the start
-    table = TableState(2, 1, 1, frame, "c1", slots, members, absent, order, ordered_by, read)
+    table = TableState(2, 1, 1, frame, "c1", slots, members, absent, order, ordered_by)
+    reported = ReadingsState(
+        2, 1, 1, frame, "c1", order.sequence if order else 0, read, absent, to_anybody=True
+    )
     state = replace(
         STATE,
         frame=frame,
@@ -341,6 +353,7 @@ def test_no_well_formed_message_ends_an_agent(
     traffic = Traffic("ground", frame, (TrafficVehicle(3, position, velocity, mean),))
     peers = (
         message(topics.TABLE, "2", table),
+        message(topics.READINGS, "2", reported),
         message(topics.STATE, "2", state),
         message(topics.TRAFFIC, "ground", traffic),
     )

@@ -31,3 +31,8 @@ def test_where_somebody_knows_another_one_it_is_said_at_the_full_rate_while_that
 def test_what_is_new_is_said_at_once_and_a_change_a_tick_does_not_flood() -> None:
     assert tellings(Exchange(TICK_S), [7] * 10 + [8] * 10, {}) == [0, 10]
     assert tellings(Exchange(TICK_S), list(range(10)), {}) == [0, 2, 4, 6, 8]
+
+
+def test_news_do_not_wait_after_a_repetition() -> None:
+    """A claim follows a suspicion that was told twice."""
+    assert tellings(Exchange(TICK_S), [7, 7, 7, 8, 8, 8, 8], {2: said(9)}) == [0, 2, 3, 5]

@@ -98,10 +98,21 @@ def test_a_refuted_suspicion_moves_nobody() -> None:
 def test_a_suspicion_told_by_others_counts_after_the_settle_time_too() -> None:
     ears = Ears(4, watched=())
     ears.run(1.0, (1, 2, 3))
+    ears.run(SUSPECT_S, (1, 2))
     ears.knows.merge({3: MemberRegister(0, 0)})
     ears.run(SETTLE_S, (1, 2))
     assert ears.knows.standing(3) is Standing.SUSPECTED
     ears.run(TICK_S, (1, 2))
+    assert ears.lost == [3]
+
+
+def test_who_heard_the_suspected_one_of_late_waits_until_it_misses_it_too() -> None:
+    ears = Ears(4, watched=())
+    ears.run(1.0, (1, 2, 3))
+    ears.knows.merge({3: MemberRegister(0, 0)})
+    ears.run(SUSPECT_S, (1, 2))
+    assert ears.knows.standing(3) is Standing.SUSPECTED
+    ears.run(2 * TICK_S, (1, 2))
     assert ears.lost == [3]
 
 

@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 from flightstack.swarm.admission import refusal
 from flightstack.swarm.exchange import Exchange
 from flightstack.swarm.peers import Peers
-from flightstack.swarm.swarm_table import HEAL_LIMIT_S, SwarmTable
-from flightstack.swarm.topics import STATE, TABLE
-from flightstack.swarm.wire import TAKING_PART, DroneState, MemberRegister, Phase, TableState
+from flightstack.swarm.swarm_table import SwarmTable
+from flightstack.swarm.table_calm import HEAL_LIMIT_S
+from flightstack.swarm.topics import READINGS, STATE, TABLE
+from flightstack.swarm.wire import TAKING_PART, DroneState, MemberRegister, Phase, ReadingsState, TableState
 from flightstack.transport.memory import Conditions, MemoryRadio
 from mission.estimation.estimates import Reading
 from mission.geometry.formation import make_layout, rotated
@@ -90,7 +91,7 @@ class Network:
         members = members or tuple(range(1, count + 1))
         self.nodes = {drone: Node(drone, members) for drone in members}
         self.radio = MemoryRadio(seed, Conditions(loss=loss))
-        self.transports = {drone: self.radio.join(drone, (TABLE, STATE)) for drone in members}
+        self.transports = {drone: self.radio.join(drone, (TABLE, STATE, READINGS)) for drone in members}
         self.now_s = 0.0
         self.ticks = 0
         self.dead: set[int] = set()
@@ -110,6 +111,9 @@ class Network:
                     self.transports[node.drone].publish(STATE, STATE.codec.encode(node.state()))
                 if node.exchange.is_due(self.now_s, node.table.digest, node.peers.facts()):
                     self.transports[node.drone].publish(TABLE, TABLE.codec.encode(node.table.message()))
+                readings = node.table.readings_message(self.now_s, TICK_S)
+                if readings is not None:
+                    self.transports[node.drone].publish(READINGS, READINGS.codec.encode(readings))
             self.radio.step(self.now_s)
             heard = {drone: transport.receive() for drone, transport in self.transports.items()}
             for node in self.live:
@@ -119,7 +123,7 @@ class Network:
                 if node.stuck:
                     continue
                 node.report()
-                told = [table for table in said if isinstance(table, TableState)]
+                told = [message for message in said if isinstance(message, TableState | ReadingsState)]
                 node.table.step(self.now_s, told, node.peers.facts(), node.decision, node.position)
                 node.decision = None
 
@@ -180,7 +184,7 @@ def test_a_dead_drone_is_healed_around(victim: int) -> None:
 def test_root_and_its_heir_die_together() -> None:
     network = Network(7)
     network.run(1.0)
-    place = network.nodes[1].table.place(network.now_s, network.nodes[1].peers.facts())
+    place = network.nodes[1].table.place(network.now_s)
     assert place.heir is not None
     network.dead |= {1, place.heir}
     network.run(12.0)
@@ -242,7 +246,7 @@ def test_the_formation_stays_where_it_stopped() -> None:
 
 
 def told(sender: int, survey: str, **changes: Any) -> TableState:
-    plain = TableState(sender, 1, 1, FRAME.identity, survey, (), (), (), None, None, ())
+    plain = TableState(sender, 1, 1, FRAME.identity, survey, (), (), (), None, None)
     return msgspec.structs.replace(plain, **changes)
 
 
@@ -510,13 +514,13 @@ def test_losses_at_one_moment_end_in_one_whole_table(slots: tuple[int, ...]) -> 
     network.run(2.0)
     network.agreed()
     for node in network.live:
-        assert not node.table.place(network.now_s, node.peers.facts()).healing
+        assert not node.table.place(network.now_s).healing
 
 
 def test_a_loss_during_a_heal_is_healed_too() -> None:
     network = Network(19)
     network.run(2.0)
-    heir = network.nodes[1].table.place(network.now_s, network.nodes[1].peers.facts()).heir
+    heir = network.nodes[1].table.place(network.now_s).heir
     assert heir is not None
     network.dead = {1}
     network.run(1.4)  # the heir is about to claim, or has just done so
@@ -575,7 +579,7 @@ def test_an_heir_that_is_heard_and_does_not_claim_is_passed_over(victims: set[in
     network = Network(9)
     network.run(2.0)
     victim = network.nodes[min(victims)]
-    heir = victim.table.place(network.now_s, victim.peers.facts()).heir
+    heir = victim.table.place(network.now_s).heir
     assert heir is not None
     network.nodes[heir].stuck = True
     network.dead = victims
@@ -584,7 +588,7 @@ def test_an_heir_that_is_heard_and_does_not_claim_is_passed_over(victims: set[in
         if not node.stuck:
             assert problems(node.table.slots, node.layout) == []
             assert heir in node.table.slots, "it is heard, and keeps its own slot"
-            assert not node.table.place(network.now_s, node.peers.facts()).healing
+            assert not node.table.place(network.now_s).healing
 
 
 def test_one_that_waits_for_a_slot_and_takes_none_holds_up_nobody_for_ever() -> None:
@@ -594,7 +598,7 @@ def test_one_that_waits_for_a_slot_and_takes_none_holds_up_nobody_for_ever() -> 
     back = network.nodes[2] = Node(2, tuple(network.nodes))
     back.table.begin(network.now_s, "survey-1", START)
     network.dead = set()
-    network.run(0.4)
+    network.run(0.2)
     back.stuck = True
     assert 2 not in network.nodes[1].table.slots
     network.run(HEAL_LIMIT_S + 5.0)
@@ -604,7 +608,7 @@ def test_one_that_waits_for_a_slot_and_takes_none_holds_up_nobody_for_ever() -> 
     root.decision = Decision(Hold(), order=Order(sequence, Stage.SEARCH, START, 0.0))
     network.run(1.0)
     assert network.nodes[5].table.order == Order(sequence, Stage.SEARCH, START, 0.0)
-    assert not root.table.place(network.now_s, root.peers.facts()).healing
+    assert not root.table.place(network.now_s).healing
 
 
 def test_a_suspicion_under_heavy_loss_moves_nobody() -> None:
@@ -695,4 +699,4 @@ def test_any_faults_end_in_one_whole_table_of_all_that_live(
     network.run(25.0)
     network.agreed()
     for node in network.live:
-        assert not node.table.place(network.now_s, node.peers.facts()).healing
+        assert not node.table.place(network.now_s).healing

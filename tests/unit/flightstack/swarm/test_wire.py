@@ -18,6 +18,7 @@ from flightstack.swarm.wire import (
     Event,
     MemberRegister,
     Phase,
+    ReadingsState,
     Result,
     Severity,
     TableState,
@@ -71,8 +72,20 @@ tables = st.builds(
     order=st.none()
     | st.builds(Order, st.integers(0, 9), st.sampled_from(Stage), vectors, number, st.none() | vectors),
     ordered_by=st.none() | claims,
-    readings=st.lists(st.builds(Reading, ids, ids, vectors, number, number), max_size=3).map(tuple),
     heals=st.integers(0, 99),
+    digest=st.integers(0, 2**32 - 1),
+)
+reports = st.builds(
+    ReadingsState,
+    sender=ids,
+    incarnation=st.integers(0, 2**31 - 1),
+    sequence=st.integers(0, 2**31 - 1),
+    frame=st.integers(0, 2**32 - 1),
+    survey=st.text(max_size=10),
+    order=st.integers(0, 2**31 - 1),
+    readings=st.lists(st.builds(Reading, ids, ids, vectors, number, number), max_size=3).map(tuple),
+    held=st.lists(ids, max_size=3).map(tuple),
+    to_anybody=st.booleans(),
 )
 commands = st.builds(Command, st.text(max_size=20), st.text(max_size=9), ids, st.sampled_from(CommandName))
 outcomes = st.builds(CommandOutcome, st.text(max_size=20), ids, st.sampled_from(Result), st.text(max_size=40))
@@ -80,7 +93,7 @@ events = st.builds(Event, ids, ids, st.sampled_from(Severity), st.text(max_size=
 
 
 @settings(max_examples=100, deadline=None)
-@given(st.one_of(states, tables, commands, outcomes, events))
+@given(st.one_of(states, tables, reports, commands, outcomes, events))
 def test_every_message_survives_the_codec(message):
     codec = Codec(type(message))
     assert codec.decode(codec.encode(message)) == message

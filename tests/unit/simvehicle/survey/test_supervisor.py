@@ -73,7 +73,7 @@ class SupervisedSwarm:
             sequence, stage, (0.0, 0.0, -10.0), 0.0, (1.0, 2.0, -10.0) if stage is Stage.FOUND else None
         )
         claims = tuple(configured((1, 2, 3)).items())
-        table = TableState(1, 1, 1, 7, "survey", claims, (), (), order, claims[0][1], ())
+        table = TableState(1, 1, 1, 7, "survey", claims, (), (), order, claims[0][1])
         self.watch.hear(self.now_s, topics.TABLE, topics.TABLE.codec.encode(table))
 
     def world(self, airborne: Iterable[int] = (), drones: Iterable[int] = (1, 2, 3)) -> None:
