@@ -126,7 +126,7 @@ class Agent:
         self._layer_above_home_m = config.formation.above_home_m + config.formation.layer_gap_m * (layer + 1)
         self._homecoming = Homecoming(config.limits, fence, -self._layer_above_home_m)
         self._leaving = Leaving(config.limits, fence, config.origin.amsl_m)
-        self._slot = SlotTransfer()
+        self._slot = SlotTransfer(config.limits.separation_m)
         self._obedience = Obedience(config.limits.floor_above_home_m)
         self._strategy = self._new_strategy()
         self._rng = np.random.default_rng((config.seed, config.drone))
