@@ -111,7 +111,7 @@ class AgentFlight:
     def _tap(self, drone: int, _agents_s: float, _heard: Inputs, said: Outputs) -> None:
         self._invariants.hear(drone, said)
         self._transcript.phase(drone, said.status.phase)
-        table = self._invariants.tables.get(drone)
+        table = self._invariants.whole_table(drone)
         if table is not None:
             self._transcript.table(table)
         for event in said.events:
