@@ -151,4 +151,7 @@ class DroneConfig(Section, frozen=True, kw_only=True):
     """1 in real flights. Simulated flights may run faster; all processes must be given the same."""
     clock: SharedClockConfig | None = None
     """Simulated flights only: the time that all their processes share, instead of each one's own."""
+    radio: str | None = None
+    """Simulated flights only: the file of the radio that all their processes share
+    (`flightstack.transport.shared_radio`); refused without their clock."""
     tick_hz: Positive = 10.0

@@ -152,6 +152,19 @@ def swarm_section(fleet: Fleet, node: FleetNode) -> str:
     return yaml.safe_dump({"swarm": section}, sort_keys=False, default_flow_style=None, width=110)
 
 
+def write_keys(
+    bundle: pathlib.Path,
+    authority: Pair,
+    name: str,
+    now: datetime.datetime,
+    valid: datetime.timedelta,
+    private_key: bytes | None = None,
+) -> None:
+    """The key and certificate of the node `name` and the authority's certificate; the arguments are `sign`'s."""
+    _keep(bundle, name, sign(authority, name, now, valid, private_key))
+    _replace(bundle / f"{AUTHORITY}.pem", authority.certificate)
+
+
 def _check(fleet: Fleet) -> None:
     for problem in name_clashes(list(fleet.stations), [AUTHORITY]):
         raise GroundError(f"stations: {problem}")
@@ -196,8 +209,7 @@ def _write(
     for node in nodes:
         bundle = directory / node.name
         key = None if fresh else (bundle / f"{node.name}.key").read_bytes()
-        _keep(bundle, node.name, sign(authority, node.name, now, valid, key))
-        _replace(bundle / f"{AUTHORITY}.pem", authority.certificate)
+        write_keys(bundle, authority, node.name, now, valid, key)
         made.append(bundle)
     for node in fleet.nodes():
         _replace(directory / node.name / "swarm.yaml", swarm_section(fleet, node).encode())

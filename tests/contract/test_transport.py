@@ -1,17 +1,23 @@
-"""What every transport promises: `flightstack.transport.Transport` over zenoh and over the in-process radio."""
+"""What every transport promises: `flightstack.transport.Transport` over zenoh, over the in-process radio, and as a
+process of a simulated flight hears it."""
 
 from __future__ import annotations
 
+import contextlib
+import pathlib
 from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol
 
+import msgspec
 import pytest
 
 from flightstack.swarm.topics import COMMAND, EVENT, OUTCOME, STATE, TREE, Received, Topic
 from flightstack.transport import Transport, TransportError
 from flightstack.transport.backlog import KEPT_PER_SENDER
-from flightstack.transport.memory import MemoryRadio
+from flightstack.transport.memory import MemoryRadio, MemoryTransport
+from flightstack.transport.node_places import NodePlaces
 from flightstack.transport.radio_model import LinkBudget, RadioModel
+from flightstack.transport.shared_radio import RadioEnd, SharedRadio
 from flightstack.transport.zenoh_transport import ZenohTransport
 
 ALL = (STATE, TREE, COMMAND, OUTCOME, EVENT)
@@ -39,6 +45,33 @@ class RadioNetwork:
 
     def turn(self) -> None:
         self._radio.step(self._radio.now_s + 0.1)
+
+
+class HeardThroughRadio(RadioEnd):
+    """A node of a simulated flight's process, on a network that loses nothing."""
+
+    def __init__(self, node: MemoryTransport, radio: SharedRadio, now_s: Callable[[], float]) -> None:
+        super().__init__(node, node.node, radio, now_s)
+        self.alive = node.alive
+
+
+class SharedRadioNetwork:
+    """Near each other, places and all."""
+
+    def __init__(self, directory: pathlib.Path) -> None:
+        self._network = MemoryRadio()
+        model = msgspec.structs.replace(NEAR_EACH_OTHER, bandwidth_bytes_per_s=None)
+        places = directory / "places"
+        self._radio = SharedRadio(model=model, places=str(places), placed=(1, 2, 3))
+        with contextlib.closing(NodePlaces.make(places, 3)) as told:
+            for node in range(3):
+                told.tell(node, (10.0 * node, 0.0, -10.0))
+
+    def join(self, name: int | str, receives: Sequence[Topic] = ALL) -> NodeUnderTest:
+        return HeardThroughRadio(self._network.join(name, receives), self._radio, lambda: self._network.now_s)
+
+    def turn(self) -> None:
+        self._network.step(self._network.now_s + 0.1)
 
 
 class ZenohNetwork:
@@ -70,13 +103,18 @@ NEAR_EACH_OTHER = RadioModel(
 """Everything that a radio can have of its own, and nothing of it so bad that a promise cannot be kept."""
 
 
-@pytest.fixture(params=["radio", "modelled radio", "zenoh"])
-def network(request: pytest.FixtureRequest, free_port: Callable[[], int]) -> Iterator[NetworkUnderTest]:
+@pytest.fixture(params=["radio", "modelled radio", "shared radio", "zenoh"])
+def network(
+    request: pytest.FixtureRequest, free_port: Callable[[], int], tmp_path: pathlib.Path
+) -> Iterator[NetworkUnderTest]:
     if request.param == "radio":
         yield RadioNetwork()
         return
     if request.param == "modelled radio":
         yield RadioNetwork(NEAR_EACH_OTHER)
+        return
+    if request.param == "shared radio":
+        yield SharedRadioNetwork(tmp_path)
         return
     zenoh = ZenohNetwork(free_port)
     yield zenoh

@@ -28,6 +28,11 @@ def refused(tmp_path: pathlib.Path, old: str, new: str) -> str:
     return text.removeprefix(f"{tmp_path}/drone.yaml")
 
 
+def test_a_real_drone_has_no_radio_that_loses_on_purpose(tmp_path: pathlib.Path) -> None:
+    text = refused(tmp_path, "instruments:\n", "radio: /tmp/radio.yaml\ninstruments:\n")
+    assert text.startswith(":14: radio: loses messages on purpose; only a simulated flight")
+
+
 LIMIT = "  separation_m: 4.0"
 
 
