@@ -16,6 +16,7 @@ from simvehicle.autopilot.parameters import Parameters
 from simvehicle.autopilot.personality import FlavourRecipe
 from simvehicle.autopilot.px4 import PX4
 from simvehicle.drone.drone_spec import VehicleSpec
+from simvehicle.faults.fault_table import Unheard
 from simvehicle.vehicle.dynamics import quaternion_of
 from simvehicle.world.air import World
 
@@ -137,6 +138,17 @@ class SimulatedVehicle:
 
     def set_gps(self, working: bool) -> None:
         self.autopilot.vehicle.estimator.gps = working
+
+    def set_gps_error(self, north_m: float) -> None:
+        """The receiver is off by this, and the estimator follows it at once."""
+        self.autopilot.vehicle.estimator.gps_error_north_m = north_m
+
+    def set_heard(self, what: Unheard, heard: bool) -> None:
+        """Whether the autopilot hears what it has a failsafe for."""
+        if heard:
+            self.autopilot.personality.unheard.discard(what)
+        else:
+            self.autopilot.personality.unheard.add(what)
 
     def set_silent(self, silent: bool) -> None:
         """Its radio is dead: it neither sends nor hears."""

@@ -90,7 +90,8 @@ class Transcript:
 def fault_words(fault: FaultSpec | SwarmFaultSpec) -> str:
     """Its kind with what else says which one: "partition 1 2 | 3 4"."""
     if isinstance(fault, FaultSpec):
-        return " ".join(filter(None, (fault.kind, fault.instrument)))
+        by = {"lying": f"{fault.by_ppm:+g} ppm", "gps_jump": f"{fault.by_m:+g} m north"}.get(fault.kind)
+        return " ".join(filter(None, (fault.kind, fault.instrument or fault.unheard, by)))
     details = (
         fault.command or "",
         " | ".join(" ".join(map(str, part)) for part in fault.parts),
