@@ -8,6 +8,7 @@ import numpy as np
 
 from flightstack.transport.claims import clashes, link_claim
 from sensors.instruments.sensor_error import SensorError
+from simvehicle.drone.drone_spec import VehicleSpec
 from simvehicle.faults.fault_table import FAULTS
 from simvehicle.fleet.fleet_config import FARTHEST_HOME_M, FleetConfig
 from simvehicle.instruments import make_emulator
@@ -34,15 +35,11 @@ def problems(config: FleetConfig) -> Iterator[FleetError]:
                     f"vehicles[{index}].{field}",
                     f"is more than {FARTHEST_HOME_M / 1000:g} km from the origin",
                 )
-        carried = [instrument.name for instrument in vehicle.instruments]
-        for place, instrument in enumerate(vehicle.instruments):
-            where = f"vehicles[{index}].instruments[{place}]"
-            if instrument.name in carried[:place]:
-                yield FleetError(f"{where}.name", f"two instruments are called {instrument.name}")
-            try:
-                make_emulator(instrument.type, np.random.default_rng(0))
-            except SensorError as error:
-                yield FleetError(f"{where}.type", str(error))
+        for place in vehicle.usb_links:
+            if not 0 <= place < len(vehicle.links):
+                have = f"it has {len(vehicle.links)}, counted from 0"
+                yield FleetError(f"vehicles[{index}].usb_links", f"no link has the number {place}; {have}")
+        yield from _instrument_problems(index, vehicle)
     waiting = [
         claim
         for index, vehicle in enumerate(config.vehicles)
@@ -66,3 +63,15 @@ def problems(config: FleetConfig) -> Iterator[FleetError]:
                 )
         if fault.until_s is not None and fault.until_s <= fault.at_s:
             yield FleetError(f"{where}.until_s", f"is not after at_s ({fault.at_s:g})")
+
+
+def _instrument_problems(index: int, vehicle: VehicleSpec) -> Iterator[FleetError]:
+    carried = [instrument.name for instrument in vehicle.instruments]
+    for place, instrument in enumerate(vehicle.instruments):
+        where = f"vehicles[{index}].instruments[{place}]"
+        if instrument.name in carried[:place]:
+            yield FleetError(f"{where}.name", f"two instruments are called {instrument.name}")
+        try:
+            make_emulator(instrument.type, np.random.default_rng(0))
+        except SensorError as error:
+            yield FleetError(f"{where}.type", str(error))
