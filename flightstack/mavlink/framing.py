@@ -128,6 +128,11 @@ def pack_frame(kind: int, sequence: int, system: int, component: int, payload: b
     return _closed(kind, header + payload)
 
 
+def is_signed(frame: bytes) -> bool:
+    """Whether a frame has a signature, be it right or wrong. MAVLink 1 has none."""
+    return frame[0] == V2_MAGIC and bool(frame[2] & SIGNED)
+
+
 def with_signed_flag(frame: bytes) -> bytes:
     """An unsigned MAVLink 2 frame as it stands before its signature: told to have one, and summed up again.
 

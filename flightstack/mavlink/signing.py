@@ -15,7 +15,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flightstack.mavlink.framing import SIGNATURE_LENGTH, SIGNED, V2_MAGIC, MavlinkFrame, with_signed_flag
+from flightstack.mavlink.framing import SIGNATURE_LENGTH, MavlinkFrame, is_signed, with_signed_flag
 
 KEY_BYTES: Final = 32
 STAMPS_PER_S: Final = 100_000
@@ -58,11 +58,6 @@ def stamp_at(unix_s: float) -> int:
 def key_of_passphrase(passphrase: str) -> bytes:
     """The key that MAVProxy and Mission Planner make of a passphrase: its SHA-256."""
     return hashlib.sha256(passphrase.encode()).digest()
-
-
-def is_signed(frame: bytes) -> bool:
-    """Whether a frame has a signature, be it right or wrong. MAVLink 1 has none."""
-    return frame[0] == V2_MAGIC and bool(frame[2] & SIGNED)
 
 
 class Signing:

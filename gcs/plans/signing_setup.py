@@ -14,9 +14,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.mavlink.codec import MavlinkMessage
 from flightstack.mavlink.exchanges import Answer, CommandExchange
+from flightstack.mavlink.framing import is_signed
 from flightstack.mavlink.link import ByteLink, open_link
 from flightstack.mavlink.link.signed_link import SignedLink
-from flightstack.mavlink.signing import KEY_BYTES, is_signed
+from flightstack.mavlink.signing import KEY_BYTES
 from flightstack.mavlink.signing_store import SigningStore
 from gcs.plans.vehicle_link import VehicleError, VehicleLink, find_vehicle
 

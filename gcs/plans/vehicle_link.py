@@ -7,6 +7,7 @@ heard by who transfers lists.
 from __future__ import annotations
 
 import asyncio
+import logging
 import pathlib
 import time
 from collections.abc import Awaitable, Callable, Sequence
@@ -18,7 +19,7 @@ from flightstack.mavlink import vehicle_state
 from flightstack.mavlink.codec import MavlinkCodec, MavlinkMessage
 from flightstack.mavlink.commands import heartbeat, message_once
 from flightstack.mavlink.exchanges import Answer
-from flightstack.mavlink.framing import MavlinkFrame
+from flightstack.mavlink.framing import MavlinkFrame, is_signed
 from flightstack.mavlink.link import ByteLink, open_link
 from flightstack.mavlink.link.signed_link import SignedLink
 from flightstack.mavlink.modes import Flavour
@@ -28,6 +29,8 @@ from flightstack.mavlink.statustext import StatusText
 from flightstack.mavlink.vehicle_state import VehicleState
 from gcs.errors import GroundError
 from mission.geometry.frames import Geodetic
+
+log = logging.getLogger("gcs")
 
 COMPONENT: Final = mavlink.MAV_COMP_ID_MISSIONPLANNER
 """190: what ground stations use."""
@@ -210,6 +213,11 @@ def _heard(
             continue
         heard[message.system] = ""
         if message.system == drone:
+            if is_signed(frame.data) and not isinstance(link, SignedLink):
+                log.warning(
+                    "drone %d signs, and may obey nobody without its key: mavlink.signing_key in --config",
+                    drone,
+                )
             found = VehicleLink(link, codec, state)
             found.heartbeat = frame
             return found

@@ -70,7 +70,9 @@ def ground(key: bytes | None = None, stamp: int = NOW + STAMPS_PER_S, system: in
 
 def heard(peer: Any, data: bytes) -> list[Any]:
     """What it believes of what it knows."""
-    return [message for message in peer.parse_buffer(data) or () if message.get_msgId() in mavlink.mavlink_map]
+    return [
+        message for message in peer.parse_buffer(data) or () if message.get_msgId() in mavlink.mavlink_map
+    ]
 
 
 @pytest.fixture(params=["ardupilot", "px4"])
