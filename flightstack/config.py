@@ -52,6 +52,9 @@ class TlsConfig(Section, frozen=True, kw_only=True):
 class AutopilotConfig(Section, frozen=True, kw_only=True):
     link: str
     """As pymavlink writes it: "/dev/ttypixhawk,115200", "udpin:127.0.0.1:14541", "tcp:127.0.0.1:5760"."""
+    signing_key: str | None = None
+    """File with the key that MAVLink is signed with on this link, its path relative to this file's directory. None:
+    nothing is signed, and everything is believed."""
     flavour: Literal["auto", "ardupilot", "px4"] = "auto"
     """"auto" believes the autopilot's own heartbeat."""
     ready_timeout_s: Positive = 180.0
