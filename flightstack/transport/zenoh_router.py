@@ -5,8 +5,8 @@ A router whose connection to one node hangs must not keep the others waiting for
 
 from __future__ import annotations
 
+import json
 import logging
-from typing import Any
 
 import zenoh
 
@@ -19,9 +19,9 @@ log = logging.getLogger(__name__)
 class ZenohRouter:
     """Relays from the moment it is made until it is closed; `look` now and then."""
 
-    def __init__(self, options: dict[str, Any]) -> None:
-        """`options`: as `zenoh_options.router_options` makes them. `TransportError` if it cannot listen there."""
-        self._session = open_session(options, options["listen"]["endpoints"])
+    def __init__(self, config: zenoh.Config) -> None:
+        """`config`: as of `zenoh_options.router_options`, or of its file. `TransportError` if it cannot listen."""
+        self._session = open_session(config, json.loads(config.get_json("listen/endpoints")))
         self._links = self._session.info.declare_link_events_listener(
             zenoh.handlers.RingChannel(1024), history=True
         )

@@ -18,12 +18,17 @@ log = logging.getLogger(__name__)
 CLOSE_WITHIN_S: Final = 2.0
 
 
-def open_session(options: dict[str, Any], listen: Sequence[str]) -> zenoh.Session:
-    """A session by options as of `zenoh_options`. `TransportError` says in one line why it cannot be opened."""
+def configured(options: dict[str, Any]) -> zenoh.Config:
+    """zenoh's defaults with `options`, as of `zenoh_options`, in their place."""
     config = zenoh.Config()
+    for path, value in options.items():
+        config.insert_json5(path, json.dumps(value))
+    return config
+
+
+def open_session(config: zenoh.Config, listen: Sequence[str]) -> zenoh.Session:
+    """A session that listens on `listen`. `TransportError` says in one line why it cannot be opened."""
     try:
-        for path, value in options.items():
-            config.insert_json5(path, json.dumps(value))
         return zenoh.open(config)
     except zenoh.ZError as error:
         place = f"cannot listen on {', '.join(listen)}" if listen else "cannot join the swarm's network"

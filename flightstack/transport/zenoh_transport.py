@@ -33,7 +33,13 @@ from flightstack.transport.certificates import check_readable
 from flightstack.transport.linger import stop_lingering
 from flightstack.transport.router_watch import RouterWatch
 from flightstack.transport.zenoh_options import peer_options
-from flightstack.transport.zenoh_session import CLOSE_WITHIN_S, close_session, open_session, zenoh_reason
+from flightstack.transport.zenoh_session import (
+    CLOSE_WITHIN_S,
+    close_session,
+    configured,
+    open_session,
+    zenoh_reason,
+)
 
 log = logging.getLogger(__name__)
 
@@ -76,7 +82,7 @@ class ZenohTransport:
         if tls is not None:
             check_readable(tls)
             options["access_control"] = access_rules(swarm, members, tls)
-        self._session = open_session(options, listen)
+        self._session = open_session(configured(options), listen)
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._subscribers = {topic.name: (topic, self._subscribe(topic)) for topic in receives}
         self._links = self._session.info.declare_link_events_listener(

@@ -20,6 +20,7 @@ from flightstack.transport.radio_model import LinkBudget, RadioModel
 from flightstack.transport.shared_radio import RadioEnd, SharedRadio
 from flightstack.transport.zenoh_options import router_options
 from flightstack.transport.zenoh_router import ZenohRouter
+from flightstack.transport.zenoh_session import configured
 from flightstack.transport.zenoh_transport import ZenohTransport
 
 ALL = (STATE, TREE, COMMAND, OUTCOME, EVENT)
@@ -105,7 +106,7 @@ class RouterNetwork:
     def __init__(self, free_port: Callable[[], int]) -> None:
         self._free_port = free_port
         self._place = f"tcp/127.0.0.1:{free_port()}"
-        self._router = ZenohRouter(router_options((self._place,), ("rim", "valley"), "contract"))
+        self._router = ZenohRouter(configured(router_options((self._place,), ("rim", "valley"), "contract")))
         self._nodes: list[NodeUnderTest] = []
 
     def join(self, name: int | str, receives: Sequence[Topic] = ALL) -> NodeUnderTest:

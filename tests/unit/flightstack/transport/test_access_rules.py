@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import datetime
 import itertools
-import json
 import time
 from collections.abc import Callable, Iterator
 
@@ -16,6 +15,7 @@ from flightstack.swarm.topics import COMMAND, EVENT, STATE, TOPICS
 from flightstack.transport.access_rules import access_problems, access_rules, common_name, name_clashes
 from flightstack.transport.zenoh_options import peer_options, router_options
 from flightstack.transport.zenoh_router import ZenohRouter
+from flightstack.transport.zenoh_session import configured
 from flightstack.transport.zenoh_transport import ZenohTransport
 from gcs.keys.authority import new_authority, sign
 from simvehicle.survey.ports import free_port
@@ -47,13 +47,10 @@ def fleet(tmp_path_factory) -> Callable[[str], TlsConfig]:
 
 def session(tls: TlsConfig, listen=(), connect=(), rules=None, **options) -> zenoh.Session:
     """A session of somebody's own software: with a member's certificate, and only the rules that it likes."""
-    config = zenoh.Config()
     chosen = peer_options(listen, connect, tls) | options
     if rules is not None:
         chosen["access_control"] = rules
-    for path, value in chosen.items():
-        config.insert_json5(path, json.dumps(value))
-    return zenoh.open(config)
+    return zenoh.open(configured(chosen))
 
 
 class Swarm:
@@ -128,7 +125,9 @@ def swarm_and_liar(request, fleet) -> Iterator[tuple[Swarm, zenoh.Session]]:
         if request.param == "router":
             place = f"tls/127.0.0.1:{free_port()}"
             opened.append(
-                ZenohRouter(router_options((place,), ("rim", "valley"), "s", MEMBERS, fleet("router")))
+                ZenohRouter(
+                    configured(router_options((place,), ("rim", "valley"), "s", MEMBERS, fleet("router")))
+                )
             )
             # Both sites: the liar is heard by nobody at its own site, which has drone 1 alone.
             swarm = Swarm(

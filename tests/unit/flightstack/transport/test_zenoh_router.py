@@ -18,6 +18,7 @@ from flightstack.transport import TransportError
 from flightstack.transport.router_watch import RouterWatch
 from flightstack.transport.zenoh_options import as_document, router_options
 from flightstack.transport.zenoh_router import ZenohRouter
+from flightstack.transport.zenoh_session import configured
 from flightstack.transport.zenoh_transport import ZenohTransport
 from simvehicle.survey.ports import free_port
 
@@ -53,7 +54,7 @@ class Sites:
         self.sent = 0
 
     def start_router(self) -> None:
-        self.router = ZenohRouter(router_options((self.place,), ("rim", "valley"), "s"))
+        self.router = ZenohRouter(configured(router_options((self.place,), ("rim", "valley"), "s")))
 
     def stop_router(self) -> None:
         if self.router is not None:
@@ -153,7 +154,7 @@ def test_a_router_says_who_came_and_who_went(sites, caplog):
 def test_a_router_that_cannot_listen_is_one_line(sites):
     sites.start_router()
     with pytest.raises(TransportError, match=f"cannot listen on {sites.place}: the port is in use"):
-        ZenohRouter(router_options((sites.place,), ("rim",), "s"))
+        ZenohRouter(configured(router_options((sites.place,), ("rim",), "s")))
     with pytest.raises(TransportError, match=r"swarm\.listen: 'x' is no endpoint"):
         router_options(("x",), ("rim",), "s")
 
