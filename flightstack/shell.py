@@ -83,6 +83,7 @@ def open_shell(config: DroneConfig, clock: Clock, file: str = "configuration") -
             receives=RECEIVED_BY_DRONES,
             tls=config.swarm.tls,
             members=config.swarm.members,
+            site=config.swarm.site,
         )
         heard = behind_radio(transport, config.drone, config.radio, clock.now_s)
     except TransportError as error:

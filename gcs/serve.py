@@ -107,6 +107,7 @@ def serve(config: GroundConfig, file: pathlib.Path) -> int:
                 RECEIVED,
                 config.swarm.tls,
                 config.swarm.members,
+                config.swarm.site,
             )
         except TransportError as error:
             raise fault_of(str(file), faulty_field(error), str(error)) from error
