@@ -12,6 +12,7 @@ from flightstack.swarm.wire import Command, CommandName, Phase, Result, Severity
 from mission.strategies.contract import Stage
 from simvehicle.survey.agent_faults import Freeze, Kill
 from simvehicle.survey.draft import GROUND, VEHICLES, agent_name
+from simvehicle.survey.late_starts import REPEAT_WALL_S, START_TRIES, LateStarts
 from simvehicle.survey.processes import Ended
 from simvehicle.survey.watch import SurveyWatch
 
@@ -19,8 +20,6 @@ START_UP_WALL_S = 120.0
 """How long the processes may take until every agent hears its autopilot: imports take the machine's time."""
 ANSWER_WALL_S = 15.0
 """How long a command is repeated before its unanswered drones are given up."""
-REPEAT_WALL_S = 0.5
-START_TRIES = 3
 BAD_INPUT = 2
 """Exit code of every program of ours that cannot use what it was given."""
 LANDING_LIMIT_S = 300.0
@@ -31,8 +30,6 @@ ORPHAN_LIMIT_S = 180.0
 """How much longer than the others a vehicle without an agent is waited for."""
 DOWN_S = 1.0
 """A vehicle that has been on the ground for this long has landed."""
-LATE_START_RETRY_S = 5.0
-"""Simulated seconds from a refused start of a drone that comes late to its next."""
 STANDSTILL_WALL_S = 30.0
 """The vehicles hang when the simulated time has not moved for so long."""
 SETTLE_S = 5.0
@@ -84,15 +81,6 @@ class Stand(enum.StrEnum):
     COMING_HOME = "coming home"
 
 
-class _LateStart(msgspec.Struct):
-    """One drone's way back into a survey that goes on."""
-
-    not_before_s: float
-    command: Command | None = None
-    sent_wall_s: float = -1e9
-    tries: int = 0
-
-
 class Supervisor:
     """One survey. `step` is called several times a second and says what to do."""
 
@@ -121,8 +109,7 @@ class Supervisor:
         self._to_kill = sorted(kills, key=lambda kill: kill.at_s)
         self._to_freeze = sorted(freezes, key=lambda freeze: freeze.at_s)
         self._to_wake: dict[int, float] = {}
-        self._late_starts: dict[int, _LateStart] = {}
-        """Of drones whose agents were woken and may stand on the ground by now."""
+        self._late_starts = LateStarts(watch, lambda drone: self._new_command(CommandName.START, drone))
         self._began_wall_s: float | None = None
         self._command: Command | None = None
         self._command_since_wall_s = 0.0
@@ -157,7 +144,7 @@ class Supervisor:
                 pass
         actions: list[Action] = [*self._killing(now_s), *self._freezing(now_s), *self._giving(wall_s)]
         if self.stand is Stand.FLYING:
-            actions += self._starting_late(now_s, wall_s)
+            actions += [Give(command) for command in self._late_starts.step(now_s, wall_s)]
         if self.stand is Stand.COMING_HOME and self._over is not None and self._all_down(now_s):
             actions.append(self._over)
         return actions
@@ -301,7 +288,7 @@ class Supervisor:
             began_s = self.freezes[index].at_s
             self.freezes[index] = Freeze(drone, began_s, elapsed_s)
             self._watch.woke(drone, elapsed_s - began_s)
-            self._late_starts[drone] = _LateStart(now_s)
+            self._late_starts.woken(now_s, drone)
             self._watch.note(now_s, Severity.INFO, "freeze", "agent goes on (SIGCONT)", drone)
             actions.append(WakeAgent(drone))
         for freeze in [f for f in self._to_freeze if elapsed_s >= f.at_s and f.drone not in self.frozen]:
@@ -323,41 +310,7 @@ class Supervisor:
         self.alive.discard(drone)
         self.frozen.discard(drone)
         self._to_wake.pop(drone, None)
-        self._late_starts.pop(drone, None)
-
-    def _starting_late(self, now_s: float, wall_s: float) -> list[Give]:
-        """Whose agent wakes when its vehicle has been brought home and stands there is started again, as its operator
-        would do, and takes part in the survey that the others fly."""
-        given = []
-        for drone, late in list(self._late_starts.items()):
-            state = self._watch.states.get(drone)
-            answer = (
-                None if late.command is None else self._watch.outcomes.get((late.command.identity, drone))
-            )
-            if answer is not None and answer.result is Result.REFUSED:
-                self._watch.note(now_s, Severity.WARNING, "start", f"start refused: {answer.reason}", drone)
-                late.command, late.not_before_s = None, now_s + LATE_START_RETRY_S
-            if answer is not None and answer.result is Result.ACCEPTED:
-                del self._late_starts[drone]
-            elif late.command is not None:
-                if wall_s - late.sent_wall_s >= REPEAT_WALL_S:
-                    late.sent_wall_s = wall_s
-                    given.append(Give(late.command))
-            elif (
-                state is None
-                or now_s < late.not_before_s
-                or state.phase not in (Phase.LANDED, Phase.DISARMED)
-            ):
-                pass
-            elif late.tries == START_TRIES:
-                del self._late_starts[drone]
-            else:
-                late.tries += 1
-                late.command = self._new_command(CommandName.START, drone)
-                self._watch.note(
-                    now_s, Severity.INFO, "start", "started again: it stands on the ground", drone
-                )
-        return given
+        self._late_starts.gone(drone)
 
     def _order(self, name: CommandName, wall_s: float) -> None:
         self._command = self._new_command(name)

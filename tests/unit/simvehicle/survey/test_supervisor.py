@@ -14,9 +14,9 @@ from mission.strategies.contract import Order, Stage
 from mission.tree.slot_registers import configured
 from simvehicle.fleet.truth import TruthRow
 from simvehicle.survey.agent_faults import Freeze, Kill
+from simvehicle.survey.late_starts import START_TRIES
 from simvehicle.survey.processes import Ended
 from simvehicle.survey.supervisor import (
-    START_TRIES,
     Action,
     Finish,
     FreezeAgent,
