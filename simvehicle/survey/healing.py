@@ -2,7 +2,8 @@
 
 The time from a failure to the heir in its slot in three parts. *Noticed*: somebody tells the others that the drone is
 missed. *Agreed*: it is counted out, and all others hold the slots of a whole tree, each by its own word. *Flown*:
-nobody is on the way to its new slot any more. Losses that overlap share their ends: a tree is whole for all of them.
+nobody who set out since the failure is still on the way to a slot. Losses that overlap share their ends: a tree is
+whole for all of them.
 """
 
 from __future__ import annotations
@@ -164,13 +165,17 @@ def _healing(log: Log, failure: Failure, failed: Sequence[Failure], layout: Layo
 def _held_by_others(
     log: Log, failure: Failure, failed: Sequence[Failure], since_s: float
 ) -> Iterator[tuple[float, dict[int, tuple[int, bool]]]]:
-    """At `since_s` and at every change after it: when, and drone -> (its slot, whether it is on the way there) of all
-    but the failed."""
+    """At `since_s` and at every change after it: when, and drone -> (its slot, whether it set out for it since the
+    failure and is not there yet) of all but the failed."""
     held: dict[int, SlotMark] = {}
 
     def others(time_s: float) -> dict[int, tuple[int, bool]]:
         out = {f.drone for f in failed if f.at_s <= time_s < f.until_s} | {failure.drone}
-        return {d: (m.slot, m.moving) for d, m in held.items() if m.slot is not None and d not in out}
+        return {
+            d: (m.slot, m.moving and m.time_s >= failure.at_s)
+            for d, m in held.items()
+            if m.slot is not None and d not in out
+        }
 
     marks = sorted(log.slots, key=lambda mark: mark.time_s)
     for mark in marks:

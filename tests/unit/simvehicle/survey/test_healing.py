@@ -45,6 +45,12 @@ def test_for_a_leaf_nobody_flies() -> None:
     assert healed(log, Failure(9, "killed", 60.0)) == [(0.75, 0.5, 0.0)]
 
 
+def test_who_was_on_the_way_before_is_not_waited_for() -> None:
+    slots = (*START, SlotMark(55.0, 6, 5, True), SlotMark(70.0, 6, 5, False))
+    log = Log(slots=slots, standings=standing(9, 60.75, 61.25))
+    assert healed(log, Failure(9, "killed", 60.0)) == [(0.75, 0.5, 0.0)]
+
+
 def test_losses_that_overlap_end_together_and_the_dead_hold_nothing() -> None:
     """Root and heir: the root's slot goes to slot 2's drone only once the heir in slot 1 is counted out, too."""
     slots = (
