@@ -16,10 +16,13 @@ import msgspec
 
 from flightstack.swarm.wire import Phase
 from mission.geometry.formation import Layout
+from mission.strategies.contract import Stage
 from mission.tree.balanced_tree import problems
 from simvehicle.survey.agent_faults import Freeze
 from simvehicle.survey.watch import Log, SlotMark, Standing
 
+_OVER = frozenset({Stage.FOUND, Stage.GIVE_UP})
+"""Then everybody is on the way home, and nobody is missed."""
 Cause = Literal["killed", "frozen", "died", "crashed"]
 
 
@@ -107,27 +110,26 @@ def healings(log: Log, failed: Sequence[Failure], layout: Layout) -> tuple[Heali
 def rejoins(log: Log, freezes: Iterable[Freeze]) -> tuple[Rejoin, ...]:
     """Who was counted out and took a slot again, by the time of it."""
     woken_s = {f.drone: f.until_s for f in freezes if f.until_s is not None}
-    gone: set[int] = set()
+    over_s = min((mark.time_s for mark in log.orders if mark.order.stage in _OVER), default=math.inf)
     found = []
-    for mark in log.standings:
-        if mark.standing is Standing.GONE:
-            gone.add(mark.drone)
-        elif mark.standing is Standing.THERE and mark.drone in gone:
-            gone.discard(mark.drone)
-            rejoin = _rejoin(log, mark.drone, mark.time_s, woken_s.get(mark.drone, math.inf))
-            if rejoin is not None:
-                found.append(rejoin)
-    return tuple(sorted(found, key=lambda one: one.joined_at_s))
+    for drone in {mark.drone for mark in log.standings}:
+        own = [mark for mark in log.standings if mark.drone == drone]
+        ends_s = [*(mark.time_s for mark in own[1:]), over_s]
+        for before, mark, end_s in zip(own, own[1:], ends_s[1:], strict=False):
+            if before.standing is Standing.GONE and mark.standing is Standing.THERE:
+                rejoin = _rejoin(log, drone, mark.time_s, min(end_s, over_s), woken_s.get(drone, math.inf))
+                found += [] if rejoin is None else [rejoin]
+    return tuple(sorted(found, key=lambda one: (one.joined_at_s, one.drone)))
 
 
-def _rejoin(log: Log, drone: int, back_s: float, woken_s: float) -> Rejoin | None:
-    """`back_s`: when the drone was counted in again."""
-    own = [mark for mark in log.slots if mark.drone == drone]
+def _rejoin(log: Log, drone: int, back_s: float, end_s: float, woken_s: float) -> Rejoin | None:
+    """`back_s`: when the drone was counted in again; `end_s`: when that was over, or the whole survey."""
+    own = [mark for mark in log.slots if mark.drone == drone and mark.time_s < end_s]
     known = [msgspec.structs.replace(mark, time_s=back_s) for mark in own if mark.time_s < back_s][-1:]
     later = [mark for mark in own if mark.time_s >= back_s]
     # Who was never told that its slot is another's has kept it.
     held = [mark for mark in later or known if mark.slot is not None]
-    if not held or held[0].slot is None:
+    if back_s >= end_s or not held or held[0].slot is None:
         return None
     joined_s = held[0].time_s
     there_s = next((mark.time_s for mark in held if not mark.moving), None)

@@ -11,10 +11,11 @@ import pytest
 from flightstack.swarm import topics
 from flightstack.swarm.wire import DroneState, MemberRegister, Phase, TableState
 from mission.geometry.formation import make_layout
+from mission.strategies.contract import Order, Stage
 from mission.tree.slot_registers import configured
 from simvehicle.survey.agent_faults import Freeze
 from simvehicle.survey.healing import Failure, Healing, Rejoin, failures, healings, rejoins
-from simvehicle.survey.watch import Log, PhaseMark, SlotMark, Standing, StandingMark, SurveyWatch
+from simvehicle.survey.watch import Log, OrderMark, PhaseMark, SlotMark, Standing, StandingMark, SurveyWatch
 
 LAYOUT = make_layout("hexagonal", 10.0)
 START = tuple(SlotMark(0.0, drone, drone - 1, False) for drone in range(1, 10))
@@ -111,6 +112,31 @@ def test_who_comes_back_takes_a_slot_and_flies_there() -> None:
 def test_who_was_counted_out_and_kept_its_slot_is_back_at_once() -> None:
     log = Log(slots=START, standings=(*standing(9, 91.0, 91.5), StandingMark(95.0, 9, Standing.THERE)))
     assert rejoins(log, ()) == (Rejoin(9, 8, None, 95.0, 95.0),)
+
+
+def test_who_wakes_and_leaves_at_once_is_back_when_it_comes_back() -> None:
+    """Its vehicle was brought home meanwhile: it is started again, at first as a survey of its own."""
+    slots = (
+        *START,
+        SlotMark(130.4, 6, None, False),
+        SlotMark(135.8, 6, 5, True),
+        SlotMark(136.8, 6, None, False),
+        SlotMark(147.4, 6, 5, True),
+        SlotMark(157.0, 6, 5, False),
+    )
+    standings = (
+        *standing(6, 91.0, 91.5),
+        StandingMark(130.4, 6, Standing.THERE),
+        StandingMark(130.5, 6, Standing.GONE),
+        StandingMark(147.3, 6, Standing.THERE),
+    )
+    assert rejoins(Log(slots=slots, standings=standings), ()) == (Rejoin(6, 5, None, 147.4, 157.0),)
+
+
+def test_who_is_counted_in_again_when_the_survey_is_over_has_not_rejoined() -> None:
+    orders = (OrderMark(100.0, Order(9, Stage.FOUND, (0.0, 0.0, -10.0), 0.0)),)
+    standings = (*standing(9, 99.0, 99.5), StandingMark(100.1, 9, Standing.THERE))
+    assert rejoins(Log(slots=START, standings=standings, orders=orders), ()) == ()
 
 
 def test_a_doubt_that_is_refuted_is_no_return() -> None:
