@@ -73,8 +73,10 @@ def check(fleet: FleetConfig) -> None:
         if spec.flavour != "ardupilot":
             raise FleetError(f"vehicles[{index}].flavour", f"an ArduCopter is no {spec.flavour}")
         if spec.signing_key is not None:
-            problem = "a real autopilot is given its key by gcs signing setup, and keeps it itself"
-            raise FleetError(f"vehicles[{index}].signing_key", problem)
+            raise FleetError(
+                f"vehicles[{index}].signing_key",
+                "a real autopilot is given its key by gcs signing setup, and keeps it itself",
+            )
     for index, fault in enumerate(fleet.faults):
         if fault.kind not in REACHABLE:
             raise FleetError(
