@@ -101,7 +101,6 @@ class SwarmTable:
         self._calm = TableCalm()
         self._family: Place | None = None
         self._awaited_since_s: dict[int, float] = {}
-        self._passed_over: set[int] = set()
         self._looked_at: tuple[Registers, frozenset[int]] | None = None
         self._watched_in: tuple[Mapping[int, int], frozenset[int]] | None = None
         self._watched: frozenset[int] = frozenset()
@@ -319,16 +318,17 @@ class SwarmTable:
             self._calm.change(now_s)
             self._family = None
         self._calm.settle(is_settled(self.registers, self._membership.present, self._table))
+        if self._calm.is_settled:
+            self._awaited_since_s = {}
 
     def _claim(self, now_s: float) -> None:
         present = self._membership.present
         is_whole = not problems(self.slots, self._layout)
         if self._drone in present and is_whole and not self._calm.is_unchanged(now_s):
             return
-        self._pass_over(now_s, present)
         claimed = own_claims(
             self.registers,
-            present - self._passed_over,
+            present - self._passed_over(now_s, present),
             self._table,
             self._drone,
             self._membership.support,
@@ -339,16 +339,21 @@ class SwarmTable:
             self._look(now_s)
         self._held = self.slots.get(self._drone, self._held)
 
-    def _pass_over(self, now_s: float, present: frozenset[int]) -> None:
-        """Count as not there, for this drone's own claims, who lets a hole be that it is the heir of: it is heard, so
-        it is not lost, but something in it does not work."""
-        if self._calm.is_settled:
-            self._passed_over = set()
-            self._awaited_since_s = {}
-            return
-        awaited = awaited_heirs(self.registers, present - self._passed_over, self._table) - {self._drone}
-        self._awaited_since_s = {drone: self._awaited_since_s.get(drone, now_s) for drone in awaited}
-        self._passed_over |= {d for d, since_s in self._awaited_since_s.items() if now_s - since_s > CLAIM_S}
+    def _passed_over(self, now_s: float, present: frozenset[int]) -> frozenset[int]:
+        """Who counts as not there, for this drone's own claims: who lets a hole be that it is the heir of, then
+        whoever is the heir without it, and so on. It is heard, so it is not lost, but something in it does not
+        work."""
+        passed: frozenset[int] = frozenset()
+        since_s: dict[int, float] = {}
+        while not self._calm.is_settled:
+            awaited = awaited_heirs(self.registers, present - passed, self._table) - {self._drone}
+            since_s.update({drone: self._awaited_since_s.get(drone, now_s) for drone in awaited})
+            overdue = {drone for drone in awaited if now_s - since_s[drone] > CLAIM_S}
+            if not overdue:
+                break
+            passed |= overdue
+        self._awaited_since_s = since_s
+        return passed
 
     def _count_heals(self, now_s: float) -> None:
         if self._calm.is_steady(now_s) and self.slots != self._settled_slots:
