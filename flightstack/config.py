@@ -108,8 +108,10 @@ class LimitsConfig(Section, frozen=True, kw_only=True):
     ceiling_above_home_m: Positive = 60.0
     fence_margin_m: NotNegative = 3.0
     """The guard keeps this distance from every fence line."""
+    peer_suspected_s: Positive = 0.8
+    """Silence after which a member is missed; it counts as lost half a second later, unless it objects."""
     peer_lost_s: Positive = 3.0
-    """Silence after which a member counts as lost."""
+    """Silence of several members at once after which the swarm counts as come apart."""
     ground_lost_s: Positive | None = None
     """Silence of the ground station after which the survey is aborted; None: the swarm goes on without it."""
     position_stale_s: Positive = 1.0

@@ -29,7 +29,6 @@ from flightstack.swarm.wire import (
     TableState,
     Traffic,
     TrafficVehicle,
-    TreeState,
     WireError,
 )
 from mission.documents.printable import printable
@@ -43,7 +42,6 @@ Message = (
     DroneState
     | TableState
     | ReadingsState
-    | TreeState
     | Command
     | CommandOutcome
     | Event
@@ -56,10 +54,10 @@ FARTHEST_M = 100_000.0
 """From the origin of the swarm's frame, per axis."""
 FASTEST_MPS = 200.0
 LARGEST_COUNT = 1 << 31
-"""Of epochs, orders and heals: a swarm that made one a second would need 68 years."""
+"""Of claims, lives, orders and heals: a swarm that made one a second would need 68 years."""
 LONGEST_WORD = 200
 NOTE_AT_MOST_BYTES = 1024
-"""Of an order's note: it goes out with every tree message."""
+"""Of an order's note: it goes out with every table."""
 WORD_AT_MOST_BYTES = 512
 """Of a strategy's word: it goes out with every state."""
 OLDEST_S = 86_400.0
@@ -130,7 +128,7 @@ class Admission:
 
     def _misplaced(self, sender: str, message: Message) -> tuple[RefusalKind, str] | None:
         """What is wrong with where a message comes from."""
-        if isinstance(message, DroneState | TableState | ReadingsState | TreeState):
+        if isinstance(message, DroneState | TableState | ReadingsState):
             if str(message.sender) != sender:
                 return _misnamed(message.sender, sender)
             if message.sender == self._drone:
@@ -146,7 +144,7 @@ class Admission:
         ):
             return _misnamed(message.sender, sender)
         if isinstance(
-            message, DroneState | TableState | ReadingsState | TreeState | Traffic
+            message, DroneState | TableState | ReadingsState | Traffic
         ) and self._frame_identity not in (
             None,
             message.frame,
@@ -173,8 +171,6 @@ def refusal(message: object, members: Collection[int]) -> str:
             return _table(message, members)
         case ReadingsState():
             return _readings(message, members)
-        case TreeState():
-            return _tree(message, members)
         case Command():
             return _command(message)
         case Traffic():
@@ -287,27 +283,6 @@ def _state(state: DroneState) -> str:
     if not 0.0 <= state.position_age_s < math.inf:
         return "the age of its position is none"
     return ""
-
-
-def _tree(state: TreeState, members: Collection[int]) -> str:
-    drones, slots = {drone for drone, _ in state.slots}, {slot for _, slot in state.slots}
-    if not all(0 <= count < LARGEST_COUNT for count in (state.epoch, state.heals)):
-        return "its epoch is no count"
-    if not all(author in members and 1 <= heard <= len(members) for heard, author in state.lineage):
-        return "an author in its lineage is no member, or heard more drones than there are"
-    if not state.epoch == len(state.lineage) < len(members):
-        return f"its epoch {state.epoch} is not that of its lineage"
-    if state.author != (state.lineage[-1][1] if state.lineage else 0):
-        return f"its author {state.author} is not that of its lineage"
-    if not state.slots or not len(drones) == len(slots) == len(state.slots):
-        return "its slots are no assignment"
-    if not drones.issubset(members) or not all(0 <= slot < len(members) for slot in slots):
-        return "its slots are not those of this swarm"
-    if len(state.lost) > len(members) or len(state.readings) > len(members):
-        return "it lists more drones than there are"
-    if not all(_is_reading(reading) for reading in state.readings):
-        return "a reading in it is none"
-    return "" if state.order is None else _order(state.order)
 
 
 def _table(state: TableState, members: Collection[int]) -> str:

@@ -155,6 +155,11 @@ class SwarmTable:
         return self._drone in self.slots
 
     @property
+    def is_over(self) -> bool:
+        """Whether everybody is on the way home, so that nobody is missed any more."""
+        return self.order is not None and self.order.stage in (Stage.FOUND, Stage.GIVE_UP)
+
+    @property
     def order(self) -> Order | None:
         return self._orders.order
 
@@ -188,7 +193,7 @@ class SwarmTable:
         for table in tables:
             self._merge(table)
         lost: tuple[int, ...] = ()
-        if self.order is None or self.order.stage not in (Stage.FOUND, Stage.GIVE_UP):
+        if not self.is_over:
             self._look_whom_to_watch()
             lost = self._membership.step(now_s, peers, self._watched)
         self._look(now_s)
@@ -356,7 +361,8 @@ class SwarmTable:
         return passed
 
     def _count_heals(self, now_s: float) -> None:
-        if self._calm.is_steady(now_s) and self.slots != self._settled_slots:
+        steady = self._calm.is_steady(now_s)
+        if self.member and not self.is_over and steady and self.slots != self._settled_slots:
             self._slots_before, self._settled_slots = self._settled_slots, self.slots
             self.heals += any(self.slots.get(drone) != slot for drone, slot in self._slots_before.items())
 

@@ -18,7 +18,8 @@ import msgspec
 from mission.estimation.estimates import Reading, Scalar, Wind
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Order
-from mission.tree.slot_registers import SlotRegister
+from mission.tree.balanced_tree import NOBODY
+from mission.tree.slot_registers import SlotRegister, assignment
 
 VERSION = 5
 
@@ -53,6 +54,10 @@ TAKING_PART = frozenset(
     {Phase.ARMING, Phase.TAKEOFF, Phase.FORMING, Phase.SEARCHING, Phase.TRACKING, Phase.HOLDING}
 )
 """The phases of a live member of the survey; any other phase after the start announces that it left."""
+
+
+NO_TABLE = 0
+"""The digest of a drone that knows of no survey."""
 
 
 class DroneState(msgspec.Struct, frozen=True, array_like=True, tag="state"):
@@ -98,34 +103,8 @@ class DroneState(msgspec.Struct, frozen=True, array_like=True, tag="state"):
     """How it does not go where it is sent, empty while it does."""
     storage: str = ""
     """Why its flight is not recorded; empty when it is."""
-    table_digest: int = 0
+    table_digest: int = NO_TABLE
     """Of what it would tell as `TableState`: two that differ tell each other their tables."""
-
-
-class TreeState(msgspec.Struct, frozen=True, array_like=True, tag="tree"):
-    """A drone's whole knowledge of the swarm tree. Merging is idempotent: loss and repetition do no harm."""
-
-    sender: int
-    incarnation: int
-    frame: int
-    epoch: int
-    author: int
-    """The drone that made this epoch's assignment."""
-    slots: tuple[tuple[int, int], ...]
-    """(drone, slot) of every live member."""
-    lost: tuple[int, ...]
-    """Members that this drone or its informants found dead since the epoch began."""
-    order: Order | None
-    readings: tuple[Reading, ...]
-    heals: int = 0
-    """Heals since the survey began: assignments after the first that moved somebody or dropped somebody."""
-    survey: str = ""
-    """Identity of the command that started the survey; knowledge of another survey is not merged."""
-    lineage: tuple[tuple[int, int], ...] = ()
-    """(survivors that its author heard, itself counted; author) of every epoch since the first: which of two
-    assignments stands is told by it alone (`flightstack.swarm.tree_protocol`)."""
-    sequence: int = 0
-    """Counts the sender's messages of this kind since its start, from 1; 0: not told."""
 
 
 NEVER = -1
@@ -164,6 +143,17 @@ class TableState(msgspec.Struct, frozen=True, array_like=True, tag="table"):
     """How often the sender has seen the table whole again after somebody was lost or moved."""
     digest: int = 0
     """As `DroneState.table_digest`."""
+
+    @property
+    def held(self) -> dict[int, int]:
+        """drone -> slot, as the sender counts who is there."""
+        holders = {register.holder for _, register in self.slots} - {NOBODY, *self.absent}
+        return assignment(dict(self.slots), holders)
+
+    @property
+    def epoch(self) -> int:
+        """How often slots were claimed or vacated, as far as the sender knows."""
+        return sum(register.version for _, register in self.slots)
 
 
 class ReadingsState(msgspec.Struct, frozen=True, array_like=True, tag="readings"):

@@ -10,7 +10,7 @@ from typing import Final
 from flightstack.agent import Outputs
 from flightstack.mavlink.framing import FrameFinder
 from flightstack.swarm import topics
-from flightstack.swarm.wire import TAKING_PART, TreeState
+from flightstack.swarm.wire import TAKING_PART, TableState
 from mission.geometry.formation import make_layout
 from mission.geometry.geofence import LocalFence
 from mission.tree.balanced_tree import problems
@@ -38,7 +38,7 @@ class Invariants:
         self._separation_m = config.limits.separation_m
         self._fence = LocalFence(flight.world.frame, config.geofence) if config.geofence else None
         self._layout = make_layout(config.formation.layout, config.formation.spacing_m)
-        self.tables: dict[int, TreeState] = {}
+        self.tables: dict[int, TableState] = {}
         """What every agent told last, by drone."""
         self._untroubled_s = 0.0
         self._audible: dict[int, frozenset[str]] = {}
@@ -57,10 +57,10 @@ class Invariants:
     def hear(self, drone: int, said: Outputs) -> None:
         now_s = self._flight.now_s
         for name, payload in said.peers:
-            if name == topics.TREE.name:
-                table = topics.TREE.codec.decode(payload)
+            if name == topics.TABLE.name:
+                table = topics.TABLE.codec.decode(payload)
                 self.tables[drone] = table
-                for problem in problems(dict(table.slots), self._layout):
+                for problem in problems(table.held, self._layout):
                     self.violated("table", f"drone {drone}", problem)
         for event in said.events:
             if event.code == "defect":
@@ -104,7 +104,7 @@ class Invariants:
             return
         for a, b in _pairs(audible):
             one, other = self.tables.get(a), self.tables.get(b)
-            if one and other and one.survey == other.survey and one.slots != other.slots:
+            if one and other and one.survey == other.survey and one.held != other.held:
                 text = f"have two tables, {words(one)} and {words(other)}"
                 self.violated("agreement", f"drones {a} and {b}", text)
 
@@ -116,6 +116,6 @@ def _pairs(audible: dict[int, frozenset[str]]) -> Iterator[tuple[int, int]]:
             yield a, b
 
 
-def words(table: TreeState) -> str:
+def words(table: TableState) -> str:
     """Who holds which slot: "1@0 4@1 2@2"."""
-    return " ".join(f"{drone}@{slot}" for drone, slot in sorted(table.slots, key=lambda held: held[1]))
+    return " ".join(f"{drone}@{slot}" for drone, slot in sorted(table.held.items(), key=lambda held: held[1]))

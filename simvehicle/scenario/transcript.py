@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
-from flightstack.swarm.wire import Phase, TreeState
+from flightstack.swarm.wire import Phase, TableState
 from simvehicle.faults.fault_table import FaultSpec, SwarmFaultSpec
 from simvehicle.scenario.invariants import words
 
@@ -43,10 +43,10 @@ class Transcript:
             self._phases[drone] = phase
             self._say(phase.value, drone)
 
-    def table(self, table: TreeState) -> None:
+    def table(self, table: TableState) -> None:
         """Told once, by whoever has it first."""
         text = words(table)
-        if table.slots and f"{table.survey} {table.epoch} {text}" not in self._tables:
+        if table.held and f"{table.survey} {table.epoch} {text}" not in self._tables:
             self._tables.add(f"{table.survey} {table.epoch} {text}")
             self._say(f"table {table.epoch}: {text}", table.sender)
 
