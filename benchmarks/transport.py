@@ -101,7 +101,7 @@ def codecs() -> None:
     print(f"{'message':<28} {'bytes':>6} {'encode us':>10} {'decode us':>10} {'json bytes':>11}")
     cases: tuple[tuple[str, Topic, DroneState | TableState], ...] = (
         ("state", STATE, STATE_MESSAGE),
-        (f"table of {PEERS} with readings", TABLE, TABLE_MESSAGE),
+        (f"table of {PEERS}", TABLE, TABLE_MESSAGE),
     )
     for what, topic, message in cases:
         data = topic.codec.encode(message)

@@ -72,8 +72,8 @@ class Announcements:
         table: SwarmTable,
         peers: Mapping[int, PeerFacts],
     ) -> Announced:
-        """What is told in this tick: events and answers at once, state and table when they are due. A drone that has
-        not been started yet has no table to tell."""
+        """What is told in this tick: events and answers at once, state, table and readings when they are due. A drone
+        that has not been started yet has no table to tell."""
         events = self._numbered(notes)
         messages = [(EVENT.name, EVENT.codec.encode(event)) for event in events]
         messages += [(OUTCOME.name, OUTCOME.codec.encode(outcome)) for outcome in outcomes]
@@ -82,7 +82,8 @@ class Announcements:
             messages.append((STATE.name, STATE.codec.encode(self._state(own, digest))))
         if digest != NO_TABLE and self._exchange.is_due(now_s, digest, peers, table.slots):
             messages.append((TABLE.name, TABLE.codec.encode(table.message())))
-        if (readings := table.readings_message(now_s, self._tick_s)) is not None:
+        readings = table.readings_message(now_s, self._tick_s)
+        if readings is not None:
             messages.append((READINGS.name, READINGS.codec.encode(readings)))
         return Announced(tuple(messages), events)
 

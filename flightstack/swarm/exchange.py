@@ -30,9 +30,9 @@ class Exchange:
         self._tick_s = tick_s
         self._told_s: float | None = None
         self._told_digest = 0
+        self._told_slots: Mapping[int, int] | None = None
         self._told_again = False
         """The newest telling repeated what had been told before."""
-        self._told_slots: Mapping[int, int] | None = None
 
     def is_due(
         self,

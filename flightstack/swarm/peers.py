@@ -84,7 +84,8 @@ class Peers:
                 self._hear_state(now_s, message)
             case TableState():
                 peer = self.peers.get(message.sender)
-                if peer is not None and message.incarnation == peer.facts.incarnation:
+                known = peer is not None and peer.facts.table_digest != NO_TABLE
+                if peer is not None and known and message.incarnation == peer.facts.incarnation:
                     peer.facts = msgspec.structs.replace(peer.facts, table_digest=message.digest)
             case Traffic():
                 for vehicle in message.vehicles:

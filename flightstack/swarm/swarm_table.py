@@ -361,8 +361,9 @@ class SwarmTable:
         return passed
 
     def _count_heals(self, now_s: float) -> None:
-        steady = self._calm.is_steady(now_s)
-        if self.member and not self.is_over and steady and self.slots != self._settled_slots:
+        if not self.member or self.is_over:
+            return
+        if self._calm.is_steady(now_s) and self.slots != self._settled_slots:
             self._slots_before, self._settled_slots = self._settled_slots, self.slots
             self.heals += any(self.slots.get(drone) != slot for drone, slot in self._slots_before.items())
 
@@ -401,9 +402,3 @@ class SwarmTable:
     @property
     def _root_claim(self) -> SlotRegister:
         return self.registers.get(0, NEVER_HELD)
-
-
-def _foremost_first(told: TableState) -> tuple[int, int, str]:
-    """By how far a survey has come; between two that have only begun, everybody must choose the same."""
-    versions = sum(register.version for _, register in told.slots)
-    return -versions, -told.order.sequence if told.order is not None else 0, told.survey

@@ -57,7 +57,10 @@ def search(
     ] = pathlib.Path("out/scenarios"),
     jobs: Annotated[int | None, typer.Option(min=1, help="Processes; else one a core.")] = None,
     shrink: Annotated[
-        bool, typer.Option(help="Reduce the first failing scenario of each kind and write it to --out.")
+        bool,
+        typer.Option(
+            help="Reduce the first failing scenario of each kind, which is written to --out, before."
+        ),
     ] = True,
     as_json: Annotated[bool, typer.Option("--json", help="End with the summary as one JSON line.")] = False,
 ) -> None:
@@ -92,10 +95,10 @@ def search(
         store.close()
     results = [store.known[seed] for seed in wanted]
     summary = searching.summarized(level.value, results, time.monotonic() - began_s)
-    for kind in summary.violations if shrink else ():
+    for kind in summary.violations:
         seed = next(r.seed for r in results if kind in {v.kind for v in r.violations})
         file = out / f"{level.value}-{kind}-{seed}.yaml"
-        text = searching.smallest_failing(level.value, seed, kind)
+        text = searching.failing(level.value, seed, kind, smallest=shrink)
         file.write_text(text, encoding="utf-8")
         typer.echo(f"{text}\nreplay it: simvehicle scenario run {file}", err=True)
     if as_json:
@@ -104,5 +107,7 @@ def search(
         told = (
             ", ".join(f"{kind} in {count}" for kind, count in summary.violations.items()) or "no violations"
         )
+        seeds_told = ", ".join(map(str, summary.failing_seeds))
+        told += f" (seeds {seeds_told})" if seeds_told else ""
         typer.echo(f"{summary.seeds} scenarios: {told}; {summary.wall_s:g} s, {summary.core_s:g} core-s")
     raise typer.Exit(1 if summary.failing_seeds else 0)

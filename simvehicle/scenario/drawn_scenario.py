@@ -14,6 +14,10 @@ _LAST_BEGINS_S = 120.0
 _FAULTS: Final = range(1, 5)
 _COMMANDS: Final = ("start", "pause", "resume", "abort", "rtl", "land")
 _TO_ONE: Final = ("rtl", "land")
+_GIVES_BACK: Final = ("resume", "rtl", "land")
+"""Commands after which a pilot's vehicle is its agent's again."""
+_LAST_WORD_S: Final = 2.0
+"""From the end of all faults to the operator's last command."""
 
 
 class _Draw:
@@ -33,8 +37,10 @@ class _Draw:
             kind = rng.choice((*_SWARM_KINDS, *_VEHICLE_KINDS))
             if kind in _SWARM_KINDS:
                 swarm_faults.append(self._timed({"kind": kind, **_SWARM_KINDS[kind](self)}))
+                swarm_faults += self._given_back(swarm_faults[-1])
             else:
                 faults.append(self._timed({"kind": kind, **_VEHICLE_KINDS[kind](self)}))
+        swarm_faults += self._last_word([*faults, *swarm_faults])
         return {
             "name": f"drawn-{self.seed}",
             "origin": {"latitude_deg": 38.404, "longitude_deg": 14.963, "amsl_m": 300.0},
@@ -72,6 +78,21 @@ class _Draw:
         if "until_s" in fault:
             fault["until_s"] = round(at_s + fault["until_s"], 1)
         return fault
+
+    def _given_back(self, fault: dict[str, Any]) -> list[dict[str, Any]]:
+        """What ends a pilot's hour; every second one keeps the vehicle."""
+        if fault["kind"] != "pilot" or self._random.random() < 0.5:
+            return []
+        at_s = round(fault["at_s"] + self._random.uniform(0.5, _LONGEST_FAULT_S), 1)
+        word = self._random.choice(_GIVES_BACK)
+        return [{"kind": "command", "command": word, "drone": fault["drone"], "at_s": at_s}]
+
+    def _last_word(self, faults: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        """A swarm that was paused is told to go on when everybody hears again: otherwise it waits for ever."""
+        if not any(fault.get("command") == "pause" for fault in faults):
+            return []
+        last_s = max(fault.get("until_s", fault["at_s"]) for fault in faults)
+        return [{"kind": "command", "command": "resume", "at_s": round(last_s + _LAST_WORD_S, 1)}]
 
     def one(self) -> dict[str, Any]:
         return {"drone": self._random.choice(self.drones)}

@@ -109,6 +109,12 @@ def search(
 ) -> Iterator[SeedResult]:
     """The results of the seeds that the store does not know, as they come; each is in the store by then."""
     waiting = iter([seed for seed in seeds if seed not in store.known])
+    if jobs == 1:  # no other process is needed
+        for seed in waiting:
+            result = fly_seed(level, code, seed)
+            store.add(result)
+            yield result
+        return
     # A copy of this process needs neither to import everything again nor to be able to run its main program twice.
     way = "fork" if "fork" in multiprocessing.get_all_start_methods() else "spawn"
     context = multiprocessing.get_context(way)
@@ -138,11 +144,12 @@ def summarized(level: str, results: Iterable[SeedResult], wall_s: float) -> Sear
     return SearchSummary(level, len(ordered), kinds, failing, round(wall_s, 1), core_s)
 
 
-def smallest_failing(level: str, seed: int, kind: str) -> str:
-    """YAML of the smallest scenario, made from that of `seed`, with a violation of this kind."""
+def failing(level: str, seed: int, kind: str, *, smallest: bool) -> str:
+    """YAML of the scenario of `seed`, which has a violation of this kind; or the smallest made of it that has."""
     simulation = LEVELS[level]()
 
     def fails(document: Document) -> bool:
         return any(violation.kind == kind for violation in simulation.run(document).violations)
 
-    return text_of(shrunk(simulation.draw(seed), fails))
+    drawn = simulation.draw(seed)
+    return text_of(shrunk(drawn, fails) if smallest else drawn)

@@ -60,6 +60,9 @@ class Transcript:
     def sent_home(self, drone: int) -> None:
         self._say("sent home by the ground station", drone)
 
+    def left_up(self, drone: int, reason: str) -> None:
+        self._say(f"still in the air: {reason}", drone)
+
     def say(self, text: str) -> None:
         self._say(text, 0)
 

@@ -43,6 +43,8 @@ class MotionEstimate(Protocol):
 
     gps: bool
     """There is a fix."""
+    origin_ned_m: Vector3
+    """The local frame's origin in the world's frame."""
     position_m: Vector3
     velocity_mps: Vector3
 

@@ -86,7 +86,6 @@ def message(topic: Topic, sender: str, content: object) -> PeerMessage:
         READINGS,
         COMMAND,
         replace(TABLE, order=None, ordered_by=None),
-        replace(READINGS, readings=(), held=(), to_anybody=True),
     ],
 )
 def test_what_a_healthy_node_says_is_believed(good: object) -> None:
@@ -196,11 +195,10 @@ def refused_as(admission: Admission, content: object, sender: str) -> RefusalKin
     [
         (TABLE, "2", None),
         (STATE, "2", None),
-        (READINGS, "2", None),
+        (TABLE, "3", RefusalKind.MISNAMED),
         (READINGS, "3", RefusalKind.MISNAMED),
         (replace(READINGS, frame=9), "2", RefusalKind.FOREIGN_FRAME),
         (replace(READINGS, sender=7), "7", RefusalKind.STRANGER),
-        (TABLE, "3", RefusalKind.MISNAMED),
         (replace(TABLE, frame=9), "2", RefusalKind.FOREIGN_FRAME),
         (replace(TABLE, sender=7), "7", RefusalKind.STRANGER),
         (replace(TABLE, slots=((5, CLAIM),)), "2", RefusalKind.IMPLAUSIBLE),
@@ -340,7 +338,9 @@ def test_no_well_formed_message_ends_an_agent(
     flyer.step(1.0, Inputs(peers=(message(topics.COMMAND, "ground", COMMAND),)))
     flyer._swarm.begin(1.0, "c1", (0.0, 0.0, -10.0))  # as if its autopilot had been there to accept the start
     table = TableState(2, 1, 1, frame, "c1", slots, members, absent, order, ordered_by)
-    told = ReadingsState(2, 1, 1, frame, "c1", order.sequence if order else 0, read)
+    reported = ReadingsState(
+        2, 1, 1, frame, "c1", order.sequence if order else 0, read, absent, to_anybody=True
+    )
     state = replace(
         STATE,
         frame=frame,
@@ -353,7 +353,7 @@ def test_no_well_formed_message_ends_an_agent(
     traffic = Traffic("ground", frame, (TrafficVehicle(3, position, velocity, mean),))
     peers = (
         message(topics.TABLE, "2", table),
-        message(topics.READINGS, "2", told),
+        message(topics.READINGS, "2", reported),
         message(topics.STATE, "2", state),
         message(topics.TRAFFIC, "ground", traffic),
     )

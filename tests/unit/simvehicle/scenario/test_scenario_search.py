@@ -17,6 +17,7 @@ from simvehicle.scenario.scenario_result import Violation
 from simvehicle.scenario.search import ResultStore, SeedResult, sources_identity, summarized
 from simvehicle.scenario.shrinking import shrunk
 
+ENDLESS = {"kill", "pilot", "command", "clock_jump"}
 NEAR = (Violation("separation", 12.0, "drones 1 and 2: 3.0 m apart"),)
 
 
@@ -34,6 +35,19 @@ def test_every_drawn_scenario_can_be_flown_and_every_fault_is_drawn() -> None:
 def test_a_seed_is_one_scenario() -> None:
     assert draw(7) == draw(7)
     assert draw(7) != draw(8)
+
+
+def test_nothing_drawn_waits_for_an_operator_for_ever() -> None:
+    paused = 0
+    for seed in range(200):
+        faults = draw(seed)["swarm_faults"]
+        last_s = max([fault.get("until_s", fault["at_s"]) for fault in (*faults, *draw(seed)["faults"])])
+        if any(fault.get("command") == "pause" for fault in faults):
+            paused += 1
+            assert any(fault.get("command") == "resume" and fault["at_s"] == last_s for fault in faults)
+        for fault in faults:
+            assert fault["kind"] in ENDLESS or "until_s" in fault
+    assert paused
 
 
 def document(*kinds: str) -> dict[str, Any]:
