@@ -93,6 +93,7 @@ class Membership:
         """`takes_part` False: this drone comes late and has left until it says `rejoin`."""
         self._drone = drone
         self._members = tuple(members)
+        self._others = frozenset(members) - {drone}
         self._suspect_after_s = suspect_after_s
         self._began_s = now_s
         self._takes_part = takes_part
@@ -109,6 +110,7 @@ class Membership:
         self._lost: dict[int, int] = {}
         """By drone: the life in which it was lost."""
         self._support: deque[tuple[float, int]] = deque()
+        """When how many were heard, of late: what a later time has not undercut, so that the first is the least."""
         self._present = frozenset(self._members)
         self._present_is_stale = True
         self._digest: int | None = None
@@ -140,7 +142,7 @@ class Membership:
     @property
     def support(self) -> int:
         """How many members this drone has steadily heard, itself counted."""
-        return min((count for _, count in self._support), default=1)
+        return self._support[0][1] if self._support else 1
 
     def standing(self, drone: int) -> Standing:
         register = self._registers.get(drone, UNDOUBTED)
@@ -176,10 +178,16 @@ class Membership:
     def step(self, now_s: float, peers: Mapping[int, PeerFacts], watched: Collection[int]) -> tuple[int, ...]:
         """Look for who is missed among `watched`, and who has left among all that are heard; give who is lost since
         the step before, by ascending id."""
-        self._note_support(now_s, peers)
-        for drone in self._members:
-            if drone != self._drone and drone in peers:
-                self._look_at(now_s, drone, peers[drone])
+        heard = 1
+        for drone, peer in peers.items():
+            if drone not in self._others:
+                continue
+            silence_s = now_s - peer.heard_s
+            if peer.taking_part:
+                heard += silence_s < HEARD_S
+            if silence_s < self._suspect_after_s:
+                self._look_at(now_s, drone, peer)
+        self._note_support(now_s, heard)
         self._watch(now_s, peers, {*watched} - {self._drone})
         return self._count_out(now_s, peers)
 
@@ -206,15 +214,16 @@ class Membership:
         return MemberRegister(life, min(told.suspected, life), min(told.left, life))
 
     def _look_at(self, now_s: float, drone: int, peer: PeerFacts) -> None:
-        """By what a member says of itself: that it takes part, or that it does not, or that it has been restarted and
-        knows nothing of the survey any more."""
-        fresh = now_s - peer.heard_s < self._suspect_after_s
-        restarted = self._incarnations.setdefault(drone, peer.incarnation) != peer.incarnation
+        """By what a member has just said of itself: that it takes part, or that it does not, or that it has been
+        restarted and knows nothing of the survey any more."""
+        restarted = self._incarnations.get(drone, peer.incarnation) != peer.incarnation
         self._incarnations[drone] = peer.incarnation
-        if peer.taking_part and fresh:
+        if peer.taking_part:
             self._joined.add(drone)
-        absent = not peer.taking_part and (drone in self._joined or now_s - self._began_s > JOIN_S)
-        if fresh and (restarted or absent) and self.standing(drone) is not Standing.LEFT:
+            absent = False
+        else:
+            absent = drone in self._joined or now_s - self._began_s > JOIN_S
+        if (restarted or absent) and self.standing(drone) is not Standing.LEFT:
             register = self._registers.get(drone, UNDOUBTED)
             self._write(drone, msgspec.structs.replace(register, left=register.life))
 
@@ -254,12 +263,10 @@ class Membership:
             self._present_is_stale = True
         return tuple(sorted(drone for drone, life in self._lost.items() if before.get(drone) != life))
 
-    def _note_support(self, now_s: float, peers: Mapping[int, PeerFacts]) -> None:
-        heard = sum(
-            now_s - peers[drone].heard_s < HEARD_S and peers[drone].taking_part
-            for drone in self._members
-            if drone in peers and drone != self._drone
-        )
-        self._support.append((now_s, 1 + heard))
-        while now_s - self._support[0][0] > STEADY_SUPPORT_S:
-            self._support.popleft()
+    def _note_support(self, now_s: float, heard: int) -> None:
+        support = self._support
+        while support and support[-1][1] >= heard:
+            support.pop()
+        support.append((now_s, heard))
+        while now_s - support[0][0] > STEADY_SUPPORT_S:
+            support.popleft()

@@ -101,6 +101,11 @@ class SwarmTable:
         self._calm = TableCalm()
         self._family: Place | None = None
         self._awaited_since_s: dict[int, float] = {}
+        self._is_whole = False
+        self._nothing_for: tuple[Registers, frozenset[int], tuple[frozenset[int], int, int | None]] | None = (
+            None
+        )
+        """What this drone knew when there was nothing for it to claim."""
         self._looked_at: tuple[Registers, frozenset[int]] | None = None
         self._watched_in: tuple[Mapping[int, int], frozenset[int]] | None = None
         self._watched: frozenset[int] = frozenset()
@@ -207,11 +212,8 @@ class SwarmTable:
                 self._relay.hear(now_s, told_readings, self.slots)
         if decision is not None and decision.reading is not None and self.member:
             self._relay.note(now_s, decision.reading)
-        moving = any(
-            peer.moving and drone in self.slots and now_s - peer.heard_s < POSITION_S
-            for drone, peer in peers.items()
-        )
-        self._calm.look(now_s, somebody_moves=moving)
+        moving = [drone for drone, peer in peers.items() if peer.moving and now_s - peer.heard_s < POSITION_S]
+        self._calm.look(now_s, somebody_moves=any(drone in self.slots for drone in moving))
         now_in = self.slots.get(self._drone)
         return TreeNews(
             lost=lost,
@@ -297,9 +299,14 @@ class SwarmTable:
     def _merge(self, told: TableState) -> None:
         if told.survey != self.survey:
             return
-        self._membership.merge(dict(told.members))
-        slots = {slot: register for slot, register in told.slots if 0 <= slot < len(self._table)}
-        self.registers = merge(self.registers, within_stride(self.registers, slots))
+        lives = self._membership.registers
+        members = {drone: register for drone, register in told.members if lives.get(drone) != register}
+        if members:
+            self._membership.merge(members)
+        ours, size = self.registers, len(self._members)
+        slots = {s: register for s, register in told.slots if ours.get(s) != register and 0 <= s < size}
+        if slots:
+            self.registers = merge(ours, within_stride(ours, slots))
         if told.order is not None and told.ordered_by is not None:
             self._orders.offer(told.order, told.ordered_by, self._root_claim)
 
@@ -320,6 +327,7 @@ class SwarmTable:
         slots = assignment(self.registers, self._membership.present)
         if slots != self.slots:
             self.slots = slots
+            self._is_whole = not problems(slots, self._layout)
             self._calm.change(now_s)
             self._family = None
         self._calm.settle(is_settled(self.registers, self._membership.present, self._table))
@@ -328,20 +336,20 @@ class SwarmTable:
 
     def _claim(self, now_s: float) -> None:
         present = self._membership.present
-        is_whole = not problems(self.slots, self._layout)
-        if self._drone in present and is_whole and not self._calm.is_unchanged(now_s):
+        if self._drone in present and self._is_whole and not self._calm.is_unchanged(now_s):
             return
-        claimed = own_claims(
-            self.registers,
-            present - self._passed_over(now_s, present),
-            self._table,
-            self._drone,
-            self._membership.support,
-            self._held,
-        )
+        passed, support = self._passed_over(now_s, present), self._membership.support
+        known = passed, support, self._held
+        if self._nothing_for is not None:
+            registers, others, rest = self._nothing_for
+            if registers is self.registers and others is present and rest == known:
+                return
+        claimed = own_claims(self.registers, present - passed, self._table, self._drone, support, self._held)
         if claimed:
             self.registers = merge(self.registers, claimed)
             self._look(now_s)
+        else:
+            self._nothing_for = self.registers, present, known
         self._held = self.slots.get(self._drone, self._held)
 
     def _passed_over(self, now_s: float, present: frozenset[int]) -> frozenset[int]:
