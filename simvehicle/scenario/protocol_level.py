@@ -109,6 +109,9 @@ class ProtocolLevel:
             raise DocumentError("drawn scenario", problem, field=place)
         return fly_protocol(scenario)
 
+    def run_text(self, text: str, file: str) -> ScenarioResult:
+        return fly_protocol(parse_protocol_scenario(text, file))
+
 
 def _problems(scenario: ProtocolScenario) -> list[tuple[str, str]]:
     """(field, what is wrong with it)."""
