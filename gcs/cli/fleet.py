@@ -180,7 +180,11 @@ def _tell(
     json: bool,
 ) -> None:
     until = f"{datetime.datetime.now(datetime.UTC) + valid:%Y-%m-%d}"
-    lines = [f"{bundle}: copy the directory to {bundle.name}; its key is nobody else's" for bundle in bundles]
+    lines = [
+        f"{bundle}: copy the directory to {bundle.name}; its key is nobody else's"
+        + (f"; there: gcs router --config {ROUTER_FILE}" if (bundle / ROUTER_FILE).is_file() else "")
+        for bundle in bundles
+    ]
     lines += [
         f"{file}: changed; copy it to {file.parent.name}"
         + (" and start the router again" if file.name == ROUTER_FILE else "")

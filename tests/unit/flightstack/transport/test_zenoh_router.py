@@ -170,6 +170,21 @@ def test_options_are_a_file_that_zenoh_reads(tmp_path):
     assert json.loads(config.get_json("transport/link/tx/lease")) == 1000
 
 
+def test_the_documented_file_of_a_router_is_one_that_joins_the_sites():
+    text = (pathlib.Path(__file__).parents[4] / "docs" / "sites.md").read_text()
+    document = text.partition("```json5\n")[2].partition("```")[0]
+    config = zenoh.Config.from_json5(document)
+    options = router_options(("tcp/[::]:7448",), ("rim", "valley"), "s")
+    for path in (
+        "mode",
+        "listen/endpoints",
+        "gateway",
+        "scouting/multicast/enabled",
+        "transport/link/tx/lease",
+    ):
+        assert config.get_json(path) == configured(options).get_json(path)
+
+
 def test_a_router_that_is_gone_for_a_moment_is_not_told(caplog):
     connected = False
     watch = RouterWatch(lambda: connected, "rim")
