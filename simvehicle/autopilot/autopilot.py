@@ -140,6 +140,11 @@ class Autopilot:
         self._missions.receive(self.flight.now_s, peer, message)
         self._announcer.flush()
 
+    @property
+    def signing_key(self) -> bytes | None:
+        """What it signs with; None: it does not."""
+        return self._signing.key
+
     def _set_signing(self, message: Any) -> None:
         if self.flight.armed:
             self._announcer.say(mavlink.MAV_SEVERITY_ERROR, "ERROR: Won't setup signing when armed")

@@ -17,6 +17,10 @@ class LinkSigning:
         self._signing = signing
         self._usb_links = frozenset(usb_links)
 
+    @property
+    def key(self) -> bytes | None:
+        return None if self._signing is None else self._signing.key
+
     def believes(self, link: int, frame: MavlinkFrame) -> bool:
         """Whether a frame that came on a link counts; each is to be shown once."""
         signing = self._signing

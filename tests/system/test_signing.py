@@ -268,7 +268,7 @@ def test_unsigned_mavlink_moves_stops_and_blinds_nobody(tmp_path):
             assert len(re.findall("system 1 signs with another key than", log)) == 1
             assert "forged" not in log
             assert "Traceback" not in log
-        assert "pilot" not in agent
+        assert "phase: pilot" not in agent
         signed = Forger(read_key(flight.key))
         signed.attack(flight.radio, ORDERS[:3], 255, 190)
         until(lambda: flight.newest()["mode"] == "LAND", lambda: str(flight.newest()))
