@@ -260,6 +260,8 @@ class Membership:
             for drone in self._members
             if drone in peers and drone != self._drone
         )
+        if self._support and now_s - self._support[-1][0] > self._suspect_after_s:
+            heard = 0  # this program stood still, and cannot tell who heard it meanwhile
         self._support.append((now_s, 1 + heard))
         while now_s - self._support[0][0] > STEADY_SUPPORT_S:
             self._support.popleft()
