@@ -17,6 +17,7 @@ from flightstack.transport.access_rules import access_problems
 from flightstack.transport.certificates import beside, check_files
 from flightstack.transport.claims import Claim, clashes, endpoint_claim, link_claim, port_claim
 from flightstack.transport.endpoints import endpoint_problems
+from flightstack.transport.shared_radio import radio_problems
 from mission.documents.fence_section import FenceChoice, read_section
 from mission.documents.yaml_file import DocumentError, line_of, parse, read_text
 from mission.geometry.formation import make_layout
@@ -81,6 +82,7 @@ def problems(config: DroneConfig) -> Iterator[tuple[str, str]]:
     for problem in layout.problems(len(members), limits.separation_m, formation.radio_range_m):
         yield "formation", problem
     yield from access_problems(config.swarm)
+    yield from radio_problems(config.radio, config.clock)
     yield from _fence(config)
     try:
         make(config.strategy.name, layout=layout, **config.strategy.parameters)

@@ -19,6 +19,7 @@ from flightstack.sensing.filter_stage import PortInput
 from flightstack.swarm.topics import RECEIVED_BY_DRONES, TOPICS
 from flightstack.transport import Transport, TransportError
 from flightstack.transport.endpoints import faulty_field
+from flightstack.transport.shared_radio import behind_radio
 from flightstack.transport.zenoh_transport import ZenohTransport
 from mission.documents.yaml_file import fault_of
 from sensors.instruments.registry import instrument_type
@@ -82,7 +83,9 @@ def open_shell(config: DroneConfig, clock: Clock, file: str = "configuration") -
             receives=RECEIVED_BY_DRONES,
             tls=config.swarm.tls,
             members=config.swarm.members,
+            site=config.swarm.site,
         )
+        heard = behind_radio(transport, config.drone, config.radio, clock.now_s)
     except TransportError as error:
         link.close()
         raise fault_of(file, faulty_field(error), str(error)) from error
@@ -96,4 +99,4 @@ def open_shell(config: DroneConfig, clock: Clock, file: str = "configuration") -
         for item in config.instruments
         if item.port != "mavlink"
     }
-    return Shell(link, ports, transport)
+    return Shell(link, ports, heard)

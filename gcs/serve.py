@@ -18,8 +18,9 @@ from flightstack.recording.clock import Clock, make_clock
 from flightstack.recording.recorder import FlightRecorder, RecordingError, TlogWriter
 from flightstack.stop_signals import StopSignals
 from flightstack.swarm.wire import Severity
-from flightstack.transport import TransportError
+from flightstack.transport import Transport, TransportError
 from flightstack.transport.endpoints import faulty_field
+from flightstack.transport.shared_radio import behind_radio
 from flightstack.transport.zenoh_transport import ZenohTransport
 from gcs.connection import RECEIVED
 from gcs.plans.checks import load_fence
@@ -106,10 +107,12 @@ def serve(config: GroundConfig, file: pathlib.Path) -> int:
                 RECEIVED,
                 config.swarm.tls,
                 config.swarm.members,
+                config.swarm.site,
             )
         except TransportError as error:
             raise fault_of(str(file), faulty_field(error), str(error)) from error
-        opened.callback(transport.close)
+        heard = behind_radio(transport, config.station, config.radio, clock.now_s)
+        opened.callback(heard.close)
         try:
             recordings = Recordings(directory, datetime.datetime.now(datetime.UTC), clock.now_s())
         except RecordingError as error:
@@ -123,7 +126,7 @@ def serve(config: GroundConfig, file: pathlib.Path) -> int:
             len(links),
             recordings.timeline.path,
         )
-        _loop(config, station, clock, transport, links, recordings, stop)
+        _loop(config, station, clock, heard, links, recordings, stop)
     log.info("ground station %s stopped", config.station)
     return 0
 
@@ -163,7 +166,7 @@ def _loop(
     config: GroundConfig,
     station: Station,
     clock: Clock,
-    transport: ZenohTransport,
+    transport: Transport,
     links: list[ByteLink],
     recordings: Recordings,
     stop: StopSignals,

@@ -25,6 +25,7 @@ from flightstack.transport.access_rules import access_problems
 from flightstack.transport.certificates import beside, check_files
 from flightstack.transport.claims import Claim, clashes, endpoint_claim, link_claim
 from flightstack.transport.endpoints import endpoint_problems
+from flightstack.transport.shared_radio import radio_problems
 from mission.documents.fence_section import FenceChoice, read_section
 from mission.documents.yaml_file import DocumentError, line_of, parse, read_text
 from mission.geometry.frames import Geodetic
@@ -91,6 +92,8 @@ class GroundConfig(Section, frozen=True, kw_only=True):
     """1 in real flights. Simulated flights may run faster; all processes must be given the same."""
     clock: SharedClockConfig | None = None
     """Simulated flights only: the time that all their processes share, instead of each one's own."""
+    radio: str | None = None
+    """Simulated flights only, as in the drones' files."""
     tick_hz: Positive = 10.0
 
 
@@ -148,6 +151,7 @@ def problems(config: GroundConfig) -> Iterator[tuple[str, str]]:
         yield "alarms.battery_critical_fraction", "it is above battery_low_fraction"
     if config.speedup > 100.0:
         yield "speedup", f"{config.speedup:g} is not within 0 to 100"
+    yield from radio_problems(config.radio, config.clock)
     if config.tick_hz < 4.0:
         yield "tick_hz", f"{config.tick_hz:g} is too slow for what is sent 4 times a second; 10 is usual"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import partial
 
@@ -16,6 +17,7 @@ from simvehicle.autopilot.parameters import Parameters
 from simvehicle.autopilot.personality import FlavourRecipe
 from simvehicle.autopilot.px4 import PX4
 from simvehicle.drone.drone_spec import VehicleSpec
+from simvehicle.faults.fault_table import Unheard
 from simvehicle.vehicle.dynamics import quaternion_of
 from simvehicle.world.air import World
 
@@ -96,8 +98,20 @@ class SimulatedVehicle:
         return quaternion_of(self._body.attitude_rad)
 
     @property
+    def position_error_m(self) -> float:
+        """How far from where it is its autopilot believes it to be."""
+        estimator = self.autopilot.vehicle.estimator
+        believed = (a + b for a, b in zip(estimator.position_m, estimator.origin_ned_m, strict=True))
+        return math.dist(tuple(believed), self.position_ned_m)
+
+    @property
     def airborne(self) -> bool:
         return not self._body.on_ground
+
+    @property
+    def at_rest(self) -> bool:
+        """On the ground, and its motors do not turn or do not work."""
+        return not self.airborne and (self._body.failed or not self.armed)
 
     @property
     def controllable(self) -> bool:
@@ -116,7 +130,17 @@ class SimulatedVehicle:
     @property
     def mode(self) -> str:
         """In the autopilot's own words: GUIDED, RTL, OFFBOARD."""
-        return self._mode_name(self.autopilot.personality.modes.custom_mode)
+        return self._mode_name(self.custom_mode)
+
+    @property
+    def custom_mode(self) -> int:
+        """As HEARTBEAT has it."""
+        return self.autopilot.personality.modes.custom_mode
+
+    @property
+    def silent(self) -> bool:
+        """Its autopilot neither sends nor hears."""
+        return self.autopilot.silent
 
     @property
     def battery_fraction(self) -> float:
@@ -126,6 +150,17 @@ class SimulatedVehicle:
 
     def set_gps(self, working: bool) -> None:
         self.autopilot.vehicle.estimator.gps = working
+
+    def set_gps_error(self, north_m: float) -> None:
+        """The receiver is off by this, and the estimator follows it at once."""
+        self.autopilot.vehicle.estimator.gps_error_north_m = north_m
+
+    def set_heard(self, what: Unheard, heard: bool) -> None:
+        """Whether the autopilot hears what it has a failsafe for."""
+        if heard:
+            self.autopilot.personality.unheard.discard(what)
+        else:
+            self.autopilot.personality.unheard.add(what)
 
     def set_silent(self, silent: bool) -> None:
         """Its radio is dead: it neither sends nor hears."""

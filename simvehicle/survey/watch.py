@@ -5,6 +5,7 @@ No I/O and no clock: messages come with the simulated time at which they were re
 
 from __future__ import annotations
 
+import collections
 import math
 from collections.abc import Iterable, Sequence
 
@@ -12,12 +13,12 @@ import msgspec
 
 from flightstack.swarm import topics
 from flightstack.swarm.topics import Topic
-from flightstack.swarm.wire import CommandOutcome, DroneState, Event, Phase, Severity, TreeState, WireError
+from flightstack.swarm.wire import CommandOutcome, DroneState, Event, Phase, Severity, TableState, WireError
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Order, Stage
 from simvehicle.fleet.truth import TruthRow
 
-RECEIVES = (topics.STATE, topics.TREE, topics.OUTCOME, topics.EVENT)
+RECEIVES = (topics.STATE, topics.TABLE, topics.OUTCOME, topics.EVENT)
 SILENT_S = 5.0
 """Simulated seconds without a state message after which an agent counts as silent."""
 
@@ -41,9 +42,8 @@ class TreeMark(msgspec.Struct, frozen=True):
     """An assignment of slots when it was first heard of."""
 
     time_s: float
-    epoch: int
-    author: int
     slots: dict[int, int]
+    """drone -> slot."""
 
 
 class OrderMark(msgspec.Struct, frozen=True):
@@ -73,7 +73,8 @@ class Log(msgspec.Struct, frozen=True):
 class SurveyWatch:
     """The newest knowledge of every drone, and the log so far."""
 
-    def __init__(self, members: Sequence[int]) -> None:
+    def __init__(self, members: Sequence[int], tick_hz: float = 10.0) -> None:
+        """`tick_hz`: of the agents."""
         self.members = tuple(members)
         self.states: dict[int, DroneState] = {}
         self.outcomes: dict[tuple[str, int], CommandOutcome] = {}
@@ -92,11 +93,14 @@ class SurveyWatch:
         self._heard_s: dict[int, float] = {}
         self._counts: dict[tuple[int, int], tuple[int, int]] = {}
         """(drone, incarnation) -> (ticks, late ticks)."""
+        self._tick_hz = tick_hz
+        self._slept_s: dict[int, float] = {}
+        """How long each drone's agent stood still because it was made to."""
         self._phases: list[PhaseMark] = []
         self._events: list[EventMark] = []
         self._trees: list[TreeMark] = []
         self._orders: list[OrderMark] = []
-        self._assignments: set[tuple[int, int]] = set()
+        self._assignments: set[tuple[int, tuple[tuple[int, int], ...]]] = set()
         self._heals = 0
 
     # -- what comes in ----------------------------------------------------------------------------------------
@@ -111,8 +115,8 @@ class SurveyWatch:
         match message:
             case DroneState():
                 self._state(now_s, message)
-            case TreeState():
-                self._tree(now_s, message)
+            case TableState():
+                self._table(now_s, message)
             case CommandOutcome():
                 self.outcomes[message.command, message.sender] = message
             case Event():
@@ -132,6 +136,10 @@ class SurveyWatch:
         """Keep an event; those of the launcher itself have the drone 0."""
         self._events.append(EventMark(now_s, drone, severity, code, text))
 
+    def woke(self, drone: int, slept_s: float) -> None:
+        """The drone's agent goes on after it was made to stand still: what it slept through, it did not miss."""
+        self._slept_s[drone] = self._slept_s.get(drone, 0.0) + slept_s
+
     def _state(self, now_s: float, state: DroneState) -> None:
         drone = state.sender
         before = self.states.get(drone)
@@ -146,12 +154,14 @@ class SurveyWatch:
         if self.best_co2_ppm is None or co2_ppm > self.best_co2_ppm:
             self.best_co2_ppm, self.best_ned_m = co2_ppm, state.position_ned_m
 
-    def _tree(self, now_s: float, tree: TreeState) -> None:
-        if (tree.epoch, tree.author) not in self._assignments:
-            self._assignments.add((tree.epoch, tree.author))
-            self._trees.append(TreeMark(now_s, tree.epoch, tree.author, dict(tree.slots)))
-        self._heals = max(self._heals, tree.heals)
-        order = tree.order
+    def _table(self, now_s: float, table: TableState) -> None:
+        held = table.held
+        assigned = table.epoch, tuple(sorted(held.items()))
+        if assigned not in self._assignments:
+            self._assignments.add(assigned)
+            self._trees.append(TreeMark(now_s, held))
+        self._heals = max(self._heals, table.heals)
+        order = table.order
         if order is not None and (self.order is None or order.sequence > self.order.sequence):
             self.order = order
             self._orders.append(OrderMark(now_s, order))
@@ -174,26 +184,28 @@ class SurveyWatch:
         east_m = sum(p[1] for p in places) / len(places)
         return math.hypot(north_m - self.best_ned_m[0], east_m - self.best_ned_m[1])
 
-    @property
-    def late_fraction(self) -> float:
-        """Share of all agents' ticks that missed their deadline."""
-        ticks = sum(ticks for ticks, _ in self._counts.values())
-        return sum(late for _, late in self._counts.values()) / max(ticks, 1)
-
     def log(self) -> Log:
         """The log so far, its times counted from the first take-off (from the first mark if there was none)."""
         zero_s = self.first_takeoff_s
         if zero_s is None:
             firsts = [*(m.time_s for m in self._phases[:1]), *(m.time_s for m in self._events[:1])]
             zero_s = min(firsts, default=0.0)
+        slept = self._slept_ticks()
         return Log(
             phases=tuple(PhaseMark(m.time_s - zero_s, m.drone, m.phase) for m in self._phases),
             events=tuple(
                 EventMark(m.time_s - zero_s, m.drone, m.severity, m.code, m.text) for m in self._events
             ),
-            trees=tuple(TreeMark(m.time_s - zero_s, m.epoch, m.author, m.slots) for m in self._trees),
+            trees=tuple(TreeMark(m.time_s - zero_s, m.slots) for m in self._trees),
             orders=tuple(OrderMark(m.time_s - zero_s, m.order) for m in self._orders),
             heals=self._heals,
-            ticks=sum(ticks for ticks, _ in self._counts.values()),
-            late_ticks=sum(late for _, late in self._counts.values()),
+            ticks=sum(ticks for ticks, _ in self._counts.values()) - slept,
+            late_ticks=sum(late for _, late in self._counts.values()) - slept,
         )
+
+    def _slept_ticks(self) -> int:
+        """Of the late ticks those that were slept through, and are the machine's fault no more than the agents'."""
+        late: collections.Counter[int] = collections.Counter()
+        for (drone, _), (_, missed) in self._counts.items():
+            late[drone] += missed
+        return sum(min(late[d], math.ceil(s * self._tick_hz)) for d, s in self._slept_s.items())

@@ -29,6 +29,11 @@ def refused(tmp_path: pathlib.Path, old: str, new: str) -> str:
     return text.removeprefix(f"{tmp_path}/drone.yaml")
 
 
+def test_a_real_drone_has_no_radio_that_loses_on_purpose(tmp_path: pathlib.Path) -> None:
+    text = refused(tmp_path, "instruments:\n", "radio: /tmp/radio.yaml\ninstruments:\n")
+    assert text.startswith(":14: radio: loses messages on purpose; only a simulated flight")
+
+
 LIMIT = "  separation_m: 4.0"
 
 
@@ -78,6 +83,8 @@ LIMIT = "  separation_m: 4.0"
         ),
         (LIMIT, f"{LIMIT}\n  peer_lost_s: 0.1", "limits.peer_lost_s: 0.1 is less"),
         (LIMIT, f"{LIMIT}\n  ground_lost_s: 0.2", "limits.ground_lost_s: 0.2 is less"),
+        (LIMIT, f"{LIMIT}\n  stages: {{holding_s: 5}}", "limits.stages.holding_s: no stage ends within 5 s"),
+        (LIMIT, f"{LIMIT}\n  stages: {{returning_s: 5}}", "limits.stages.returning_s: no stage ends within"),
         (
             "battery_return_fraction: 0.3",
             "battery_return_fraction: 1.0",

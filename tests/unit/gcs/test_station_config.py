@@ -57,6 +57,7 @@ def test_reads_a_whole_file(written):
         ("action: land", "action: hover", ["orphans.action"]),
         ("record_to: flights", "speedup: 1000", ["speedup", "100"]),
         ("record_to: flights", "tick_hz: 1", ["tick_hz"]),
+        ("record_to: flights", "radio: radio.yaml", ["radio", "only a simulated flight"]),
         ("ceiling_above_home_m: 60", "battery_low_fraction: 0.1", ["battery_critical_fraction"]),
         ("latitude_deg: 37.75", "latitude_deg: 97.75", ["origin", "latitude"]),
         ("record_to: flights", "geofence: {inclusion: [[[0, 0], [1, 1]]]}", ["geofence"]),

@@ -8,9 +8,10 @@ import msgspec
 import pytest
 
 from flightstack.swarm import topics, wire
-from flightstack.swarm.wire import CommandName, DroneState, Phase, Result, TreeState
+from flightstack.swarm.wire import CommandName, DroneState, Phase, Result, TableState
 from mission.estimation.estimates import Scalar
 from mission.strategies.contract import Order, Stage
+from mission.tree.slot_registers import configured
 from simvehicle.fleet.truth import TruthRow
 from simvehicle.survey.agent_faults import Freeze, Kill
 from simvehicle.survey.processes import Ended
@@ -71,8 +72,9 @@ class SupervisedSwarm:
         order = Order(
             sequence, stage, (0.0, 0.0, -10.0), 0.0, (1.0, 2.0, -10.0) if stage is Stage.FOUND else None
         )
-        tree = TreeState(1, 1, 7, 0, 1, ((1, 0), (2, 1), (3, 2)), (), order, (), 0)
-        self.watch.hear(self.now_s, topics.TREE, topics.TREE.codec.encode(tree))
+        claims = tuple(configured((1, 2, 3)).items())
+        table = TableState(1, 1, 1, 7, "survey", claims, (), (), order, claims[0][1])
+        self.watch.hear(self.now_s, topics.TABLE, topics.TABLE.codec.encode(table))
 
     def world(self, airborne: Iterable[int] = (), drones: Iterable[int] = (1, 2, 3)) -> None:
         flying = set(airborne)
@@ -252,6 +254,25 @@ def test_a_frozen_agent_goes_on_when_its_time_comes() -> None:
     assert freeze.drone == 3
     assert freeze.at_s == pytest.approx(20.0, abs=1.0)
     assert freeze.until_s == pytest.approx(40.0, abs=1.0)
+
+
+def test_what_an_agent_slept_through_is_no_missed_deadline() -> None:
+    swarm = SupervisedSwarm(freezes=(Freeze(3, 20.0, 40.0),))
+    swarm.take_off()
+    swarm.run(35.0)
+
+    def say(drone: int, ticks: int, late_ticks: int) -> None:
+        said = msgspec.structs.replace(state(drone, Phase.SEARCHING), ticks=ticks, late_ticks=late_ticks)
+        swarm.watch.hear(swarm.now_s, topics.STATE, topics.STATE.codec.encode(said))
+
+    say(2, 400, 3)
+    say(3, 400, 190)
+    log = swarm.watch.log()
+    assert (log.ticks, log.late_ticks) == (610, 3), "less late than it slept: none of them was missed"
+    say(3, 420, 210)
+    log = swarm.watch.log()
+    assert log.ticks - 620 == log.late_ticks - 13, "what it did not sleep through counts as ever"
+    assert 3 <= log.late_ticks <= 23
 
 
 def test_a_survey_ends_without_a_word_of_who_is_frozen() -> None:
