@@ -15,6 +15,8 @@ NotNegative = Annotated[float, Meta(ge=0.0)]
 Fraction = Annotated[float, Meta(ge=0.0, le=1.0)]
 DroneId = Annotated[int, Meta(ge=1, le=250)]
 """Also the MAVLink system id of the drone's autopilot."""
+NodeName = Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")]
+"""Of a node that is no drone; it must not look like a drone's number."""
 
 
 class Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -34,11 +36,17 @@ class SwarmConfig(Section, frozen=True, kw_only=True):
 
 
 class TlsConfig(Section, frozen=True, kw_only=True):
-    """Mutual TLS between the nodes: each has a certificate signed by the swarm's own authority."""
+    """Mutual TLS between the nodes: each has a certificate signed by the swarm's own authority, and may speak in no
+    other name than the certificate's. Paths in a file are relative to its directory."""
 
     authority: str
     certificate: str
+    """Its common name says who this is: "drone-3", or a station's name."""
     private_key: str
+    stations: tuple[NodeName, ...] = ("ground",)
+    """Ground stations that are listened to."""
+    routers: tuple[NodeName, ...] = ()
+    """Routers that are believed to relay what others say."""
 
 
 class AutopilotConfig(Section, frozen=True, kw_only=True):

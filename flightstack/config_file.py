@@ -12,6 +12,8 @@ from flightstack.config import DroneConfig, FormationConfig, LimitsConfig
 from flightstack.limit_checks import formation_problems, limit_problems, name_problems, parameter_problems
 from flightstack.mavlink.link import LinkError, check_link
 from flightstack.sensing.filter_stage import co2_settings, wind_settings
+from flightstack.transport.access_rules import access_problems
+from flightstack.transport.certificates import beside, check_files
 from flightstack.transport.claims import Claim, clashes, endpoint_claim, link_claim, port_claim
 from flightstack.transport.endpoints import endpoint_problems
 from mission.documents.fence_section import FenceChoice, read_section
@@ -41,9 +43,12 @@ def load(path: str | pathlib.Path) -> DroneConfig:
     fence, warnings = read_section(written.geofence, file, text)
     for warning in warnings:
         log.warning("%s", warning)
-    config = DroneConfig(**msgspec.structs.asdict(written) | {"geofence": fence})
+    swarm = beside(written.swarm, pathlib.Path(path).parent)
+    config = DroneConfig(**msgspec.structs.asdict(written) | {"geofence": fence, "swarm": swarm})
     for field, problem in problems(config):
         raise DocumentError(file, problem, line=line_of(text, field), field=field)
+    for problem in check_files(config.swarm, config.drone):
+        raise DocumentError(file, problem, line=line_of(text, "swarm.tls"), field="swarm.tls")
     return config
 
 
@@ -63,6 +68,7 @@ def problems(config: DroneConfig) -> Iterator[tuple[str, str]]:
     layout = make_layout(formation.layout, formation.spacing_m)
     for problem in layout.problems(len(members), limits.separation_m, formation.radio_range_m):
         yield "formation", problem
+    yield from access_problems(config.swarm)
     yield from _fence(config)
     try:
         make(config.strategy.name, layout=layout, **config.strategy.parameters)

@@ -68,6 +68,7 @@ def open_shell(config: DroneConfig, clock: Clock, file: str = "configuration") -
             connect=config.swarm.connect,
             receives=RECEIVED_BY_DRONES,
             tls=config.swarm.tls,
+            members=config.swarm.members,
         )
     except TransportError as error:
         link.close()

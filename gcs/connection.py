@@ -56,7 +56,7 @@ class Connection:
         """Join the swarm. `TransportError` says what is wrong with the endpoints."""
         from flightstack.transport.zenoh_transport import ZenohTransport
 
-        return ZenohTransport(self.swarm, node, self.listen(), self.connect, RECEIVED, self.tls)
+        return ZenohTransport(self.swarm, node, self.listen(), self.connect, RECEIVED, self.tls, self.members)
 
     def listen(self) -> tuple[str, ...]:
         """Where this short-lived node can be reached, at ports that the system chooses.

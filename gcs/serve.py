@@ -105,6 +105,7 @@ def serve(config: GroundConfig, file: pathlib.Path) -> int:
                 config.swarm.connect,
                 RECEIVED,
                 config.swarm.tls,
+                config.swarm.members,
             )
         except TransportError as error:
             raise fault_of(str(file), faulty_field(error), str(error)) from error

@@ -10,8 +10,18 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from flightstack.config import Fraction, NotNegative, Positive, Section, SharedClockConfig, SwarmConfig
+from flightstack.config import (
+    Fraction,
+    NodeName,
+    NotNegative,
+    Positive,
+    Section,
+    SharedClockConfig,
+    SwarmConfig,
+)
 from flightstack.mavlink.link import LinkError, check_link
+from flightstack.transport.access_rules import access_problems
+from flightstack.transport.certificates import beside, check_files
 from flightstack.transport.claims import Claim, clashes, endpoint_claim, link_claim
 from flightstack.transport.endpoints import endpoint_problems
 from mission.documents.fence_section import FenceChoice, read_section
@@ -59,8 +69,8 @@ class AlarmLimits(Section, frozen=True, kw_only=True):
 
 
 class GroundConfig(Section, frozen=True, kw_only=True):
-    station: Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")] = "ground"
-    """Name of this ground station among the nodes of the swarm; it must not look like a drone's number."""
+    station: NodeName = "ground"
+    """Name of this ground station among the nodes of the swarm."""
     swarm: SwarmConfig
     origin: Geodetic
     """Origin of the swarm's local frame, the same as in the drones' files."""
@@ -91,9 +101,12 @@ def load(path: str | pathlib.Path) -> GroundConfig:
     fence, warnings = read_section(written.geofence, file, text)
     for warning in warnings:
         log.warning("%s", warning)
-    config = GroundConfig(**msgspec.structs.asdict(written) | {"geofence": fence})
+    swarm = beside(written.swarm, pathlib.Path(path).parent)
+    config = GroundConfig(**msgspec.structs.asdict(written) | {"geofence": fence, "swarm": swarm})
     for field, problem in problems(config):
         raise DocumentError(file, problem, line=line_of(text, field), field=field)
+    for problem in check_files(config.swarm, config.station):
+        raise DocumentError(file, problem, line=line_of(text, "swarm.tls"), field="swarm.tls")
     return config
 
 
@@ -111,6 +124,9 @@ def problems(config: GroundConfig) -> Iterator[tuple[str, str]]:
         except LinkError as error:
             yield f"mavlink.links[{index}]", str(error)
     yield from endpoint_problems(config.swarm)
+    yield from access_problems(config.swarm)
+    if config.swarm.tls is not None and config.station not in config.swarm.tls.stations:
+        yield "station", f"{config.station} is not in swarm.tls.stations, so no drone listens to it"
     yield from clashes(_claims(config))
     if config.geofence is not None and config.plan is not None:
         yield "plan", "give either geofence or plan, not both"

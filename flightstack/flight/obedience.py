@@ -107,8 +107,12 @@ class Obedience:
 
 
 def _blend(old: Vector3, new: Vector3, share: float) -> Vector3:
-    n, e, d = (o + share * (x - o) for o, x in zip(old, new, strict=True))
-    return n, e, d
+    (north, east, down), (to_north, to_east, to_down) = old, new
+    return (
+        north + share * (to_north - north),
+        east + share * (to_east - east),
+        down + share * (to_down - down),
+    )
 
 
 def _in_words(velocity_ned_mps: Vector3) -> str:

@@ -168,7 +168,7 @@ def _decoded(reader: StreamReader) -> Iterator[Record | None]:
 
 def _decode(topic: str, record: Message) -> Record:
     message = msgspec.json.decode(record.data, type=dict[str, Any])
-    time_s = float(message.pop(_TIME_FIELD, record.log_time / 1e9))
+    time_s = msgspec.convert(message.pop(_TIME_FIELD, record.log_time / 1e9), float)
     return Record(topic, time_s, record.publish_time / 1e9, message)
 
 

@@ -1,7 +1,7 @@
 """Messages between drones and ground stations: one small interface, two implementations.
 
 `flightstack.transport.zenoh_transport.ZenohTransport` between processes and machines,
-`flightstack.transport.memory.MemoryRadio` inside one process, with loss, delay, range and partitions.
+`flightstack.transport.memory.MemoryRadio` inside one process, as good as a `RadioModel` says.
 `tests/contract/test_transport.py` holds both to the same behaviour.
 """
 

@@ -1,4 +1,4 @@
-"""A radio inside one process, on simulated time: loss, delay, repetition, reordering, range, partitions.
+"""A radio inside one process, on simulated time: what `RadioModel` says of it, and partitions and dead nodes.
 
 The same seed, calls and times give the same deliveries. Every directed link has a random sequence of its own, so a
 fault on one link does not change what happens on the others.
@@ -19,6 +19,8 @@ from typing import Final
 from flightstack.swarm.topics import TOPICS, Delivery, Received, Topic
 from flightstack.transport import TransportError
 from flightstack.transport.backlog import KEPT_PER_SENDER
+from flightstack.transport.radio_model import RadioModel
+from flightstack.transport.transmit_queue import Copy, TransmitQueue
 from mission.geometry.frames import Vector3
 
 _RESEND_S: Final = 0.2
@@ -64,20 +66,32 @@ class LossyLink:
         self._latest_s = dict.fromkeys(Delivery, -math.inf)
         """A link keeps the order of what it delivers, separately for each kind of delivery."""
 
-    def arrivals_s(self, now_s: float, conditions: Conditions, delivery: Delivery) -> list[float]:
-        """When a message sent now arrives: never, once, or twice. Where nothing is left to chance, none is drawn."""
-        if conditions.certain:
+    def arrivals_s(
+        self, now_s: float, conditions: Conditions, delivery: Delivery, loss_on_the_way: float | None = None
+    ) -> list[float]:
+        """When a message sent now arrives: never, once, or twice. Where nothing is left to chance, none is drawn.
+
+        `loss_on_the_way`, 1 for one who is out of reach, comes on top of the conditions' (None: chance has no part in
+        it). A best-effort message draws as often whatever it is: a node that moves changes what is lost, not what
+        chance has in store for later messages.
+        """
+        loss = conditions.loss
+        if loss_on_the_way is not None:
+            loss = 1.0 - (1.0 - loss) * (1.0 - loss_on_the_way)
+        elif conditions.certain:
             return [self._in_order_s(now_s + conditions.delay_s, delivery)]
         draw = self._random.random
         lost, repeated, overtaken = draw(), draw(), draw()
         jitter_s = self._random.expovariate(1.0) * conditions.jitter_s
         due_s = now_s + conditions.delay_s + jitter_s
         if delivery is Delivery.RELIABLE:
-            while lost < conditions.loss:
+            if loss == 1.0:
+                return []
+            while lost < loss:
                 due_s += _RESEND_S
                 lost = draw()
             return [self._in_order_s(due_s, delivery)]
-        if lost < conditions.loss:
+        if lost < loss:
             return []
         if overtaken < conditions.reordering:
             arrivals_s = [due_s + conditions.held_back_s]
@@ -125,7 +139,7 @@ class MemoryTransport:
 
     def deliver(self, message: Received) -> None:
         """The radio's side: a message has arrived."""
-        if message.topic.name not in self._receives:
+        if not self.wants(message.topic):
             return
         item = (next(self._arrivals), message)
         if message.topic.delivery is Delivery.RELIABLE:
@@ -133,6 +147,9 @@ class MemoryTransport:
             return
         source = (message.topic.name, message.sender)
         self._newest.setdefault(source, collections.deque(maxlen=KEPT_PER_SENDER)).append(item)
+
+    def wants(self, topic: Topic) -> bool:
+        return topic.name in self._receives
 
     def forget(self) -> None:
         """Drop what has come and was not received."""
@@ -148,11 +165,20 @@ class MemoryRadio:
     """The air between the nodes of one process. Time is what `step` is told; nothing arrives between steps."""
 
     def __init__(
-        self, seed: int = 0, conditions: Conditions | None = None, range_m: float | None = None
+        self,
+        seed: int = 0,
+        conditions: Conditions | None = None,
+        range_m: float | None = None,
+        *,
+        model: RadioModel | None = None,
     ) -> None:
-        """All links have `conditions` (None: perfect) until `set_link`; `range_m` None: everybody in range."""
-        self.conditions = conditions or Conditions()
-        self.range_m = range_m
+        """A radio as `model` says (None: perfect); all links have the same conditions until `set_link`.
+
+        `conditions` and `range_m`, where given, stand in place of the model's.
+        """
+        model = model or RadioModel()
+        self.conditions = conditions or _conditions_of(model)
+        self.range_m = model.range_m if range_m is None else range_m
         self.now_s = 0.0
         self._seed = seed
         self._nodes: dict[str, MemoryTransport] = {}
@@ -161,8 +187,14 @@ class MemoryRadio:
         self._special: dict[tuple[str, str], Conditions] = {}
         self._cuts: dict[str, frozenset[str]] = {}
         self._off: set[str] = set()
+        self._unheard: set[tuple[str, str]] = set()
         self._order = itertools.count()
         self._in_flight: list[tuple[float, int, str, Received]] = []
+        self._model = model
+        self._queues: dict[str, TransmitQueue] = {}
+        """What each node has still to send, where bandwidth is limited; also of a node that has left since."""
+        for sender, receiver in model.dead_links:
+            self.block(sender, receiver)
 
     # -- nodes ---------------------------------------------------------------------------------------------------
 
@@ -172,7 +204,7 @@ class MemoryRadio:
         receives: Iterable[Topic] = tuple(TOPICS.values()),
         position: Callable[[], Vector3] | None = None,
     ) -> MemoryTransport:
-        """A new node; `position` tells where it is (NED, m) whenever a range must be judged."""
+        """A new node; `position` tells where it is (NED, m) whenever the way to it must be judged."""
         name = str(node)
         if name in self._nodes:
             raise TransportError(f"node {name} is on the radio already; close it first")
@@ -182,9 +214,8 @@ class MemoryRadio:
         return transport
 
     def leave(self, node: str) -> None:
-        """The node is gone; `MemoryTransport.close` calls this."""
+        """The node is gone, and what it said last still comes from its place; `MemoryTransport.close` calls this."""
         self._nodes.pop(node, None)
-        self._positions.pop(node, None)
 
     def place(self, node: int | str, position_ned_m: Vector3) -> None:
         """Where `node` is from now on."""
@@ -216,22 +247,28 @@ class MemoryRadio:
     def switch_on(self, node: int | str) -> None:
         self._off.discard(str(node))
 
+    def block(self, sender: int | str, receiver: int | str) -> None:
+        """One way: `receiver` does not hear `sender`, until `unblock`; the other direction stays as it is."""
+        self._unheard.add((str(sender), str(receiver)))
+
+    def unblock(self, sender: int | str, receiver: int | str) -> None:
+        self._unheard.discard((str(sender), str(receiver)))
+
     # -- traffic -------------------------------------------------------------------------------------------------
 
     def send(self, sender: str, topic: Topic, payload: bytes) -> None:
         """Put a message on the air; `MemoryTransport.publish` calls this."""
         message = Received(topic, sender, bytes(payload))
         undisturbed = self._undisturbed
-        for receiver in self._nodes:
-            if receiver == sender or not (undisturbed or self._connected(sender, receiver)):
+        for receiver, node in self._nodes.items():
+            if receiver == sender or not (undisturbed or self._works(sender, receiver)):
                 continue
-            pair = (sender, receiver)
-            link = self._links.get(pair)
-            if link is None:
-                link = self._links[pair] = LossyLink(self._seed, sender, receiver)
-            conditions = self._special.get(pair, self.conditions)
-            for due_s in link.arrivals_s(self.now_s, conditions, topic.delivery):
-                heapq.heappush(self._in_flight, (due_s, next(self._order), receiver, message))
+            if self._model.bandwidth_bytes_per_s is None:
+                self._launch(self.now_s, receiver, message)
+            elif node.wants(topic) and (undisturbed or self._connected(sender, receiver)):
+                self._queue(sender, self._model.bandwidth_bytes_per_s).put(
+                    self.now_s, Copy(receiver, message)
+                )
 
     def step(self, now_s: float) -> None:
         """Deliver what is due by `now_s`. A message whose link has broken on its way is lost."""
@@ -239,6 +276,10 @@ class MemoryRadio:
             raise ValueError(f"time goes back from {self.now_s} s to {now_s} s")
         self.now_s = now_s
         in_flight, nodes, undisturbed = self._in_flight, self._nodes, self._undisturbed
+        for sender, queue in self._queues.items():
+            for left_s, (receiver, message) in queue.departed(now_s):
+                if receiver in nodes and (undisturbed or self._works(sender, receiver)):
+                    self._launch(left_s, receiver, message)
         while in_flight and in_flight[0][0] <= now_s:
             _, _, receiver, message = heapq.heappop(in_flight)
             if receiver in nodes and (undisturbed or self._connected(message.sender, receiver)):
@@ -249,15 +290,65 @@ class MemoryRadio:
         return {other for other in self._nodes if other != node and self._connected(other, node)}
 
     @property
+    def _places_matter(self) -> bool:
+        return self.range_m is not None or self._model.link_budget is not None or bool(self._model.ridges)
+
+    @property
     def _undisturbed(self) -> bool:
         """Everybody hears everybody, and nobody need be asked about whom."""
-        return not self._off and not self._cuts and self.range_m is None
+        faults = self._off or self._cuts or self._unheard
+        return not faults and not self._places_matter
 
     def _connected(self, sender: str, receiver: str) -> bool:
-        if sender in self._off or receiver in self._off:
+        return self._works(sender, receiver) and self._loss_on_the_way(sender, receiver) < 1.0
+
+    def _works(self, sender: str, receiver: str) -> bool:
+        """Whether the two hear each other, wherever they are."""
+        if sender in self._off or receiver in self._off or (sender, receiver) in self._unheard:
             return False
-        if self._cuts and any((sender in group) != (receiver in group) for group in self._cuts.values()):
-            return False
-        if self.range_m is None or sender not in self._positions or receiver not in self._positions:
-            return True
-        return math.dist(self._positions[sender](), self._positions[receiver]()) <= self.range_m
+        return not any((sender in group) != (receiver in group) for group in self._cuts.values())
+
+    def _loss_on_the_way(self, sender: str, receiver: str) -> float:
+        """Probability that where the two are costs a message; 1: out of reach. Who has no place is near everybody."""
+        if not self._places_matter:
+            return 0.0
+        if sender not in self._positions or receiver not in self._positions:
+            return 0.0
+        there, here = self._positions[sender](), self._positions[receiver]()
+        if self.range_m is not None and math.dist(there, here) > self.range_m:
+            return 1.0
+        return self._model.loss_between(there, here)
+
+    def _launch(self, now_s: float, receiver: str, message: Received) -> None:
+        """A message leaves its sender at `now_s`."""
+        sender = message.sender
+        pair = (sender, receiver)
+        lost: float | None = None
+        if self._places_matter:
+            lost = self._loss_on_the_way(sender, receiver)
+            if self._model.link_budget is None:
+                if lost == 1.0:
+                    return
+                lost = None
+        link = self._links.get(pair)
+        if link is None:
+            link = self._links[pair] = LossyLink(self._seed, sender, receiver)
+        conditions = self._special.get(pair, self.conditions)
+        for due_s in link.arrivals_s(now_s, conditions, message.topic.delivery, lost):
+            heapq.heappush(self._in_flight, (due_s, next(self._order), receiver, message))
+
+    def _queue(self, sender: str, bandwidth_bytes_per_s: float) -> TransmitQueue:
+        if sender not in self._queues:
+            self._queues[sender] = TransmitQueue(bandwidth_bytes_per_s, self._model.queue_bytes)
+        return self._queues[sender]
+
+
+def _conditions_of(model: RadioModel) -> Conditions:
+    return Conditions(
+        loss=model.loss,
+        delay_s=model.delay_s,
+        jitter_s=model.jitter_s,
+        duplication=model.duplication,
+        reordering=model.reordering,
+        held_back_s=model.held_back_s,
+    )

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import json
 import logging
-import pathlib
 import queue
 import re
 import threading
@@ -25,7 +24,9 @@ import zenoh
 from flightstack.config import TlsConfig
 from flightstack.swarm.topics import Delivery, Received, Topic
 from flightstack.transport import TransportError
+from flightstack.transport.access_rules import ALIVE, access_rules
 from flightstack.transport.backlog import trimmed
+from flightstack.transport.certificates import check_readable
 from flightstack.transport.endpoints import check_endpoint
 from flightstack.transport.linger import stop_lingering
 
@@ -52,14 +53,16 @@ class ZenohTransport:
         connect: Sequence[str],
         receives: Iterable[Topic],
         tls: TlsConfig | None = None,
+        members: Iterable[int] = (),
     ) -> None:
         """Open the session and subscribe to `receives`.
 
         `listen` and `connect` are zenoh endpoints ("tcp/10.0.0.3:7447"). A node that listens nowhere reaches
-        only the nodes that it connects to. With `tls` every endpoint is "tls/…" and both ends of a connection
-        show a certificate of the swarm's authority.
+        only the nodes that it connects to. With `tls` every endpoint is "tls/…", both ends of a connection show a
+        certificate of the swarm's authority, and of drones only `members` are listened to, each in its own name.
 
-        Raises `TransportError` for a bad endpoint, one that cannot be listened on, or unreadable certificates.
+        Raises `TransportError` for a bad endpoint, one that cannot be listened on, or certificates that nobody
+        would believe.
         """
         self.node = str(node)
         for what, word in (("swarm", swarm), ("node", self.node)):
@@ -67,7 +70,11 @@ class ZenohTransport:
                 raise TransportError(f"{what} name {word!r}: use letters, digits, - and _ only")
         self._swarm = swarm
         self._closed = False
-        self._session = _open(_configuration(listen, connect, tls), listen)
+        options = _configuration(listen, connect, tls)
+        if tls is not None:
+            check_readable(tls)
+            options["access_control"] = access_rules(swarm, members, tls)
+        self._session = _open(options, listen)
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._subscribers = {topic.name: (topic, self._subscribe(topic)) for topic in receives}
         self._links = self._session.info.declare_link_events_listener(
@@ -76,9 +83,9 @@ class ZenohTransport:
         self._alive: set[str] = set()
         liveliness = self._session.liveliness()
         self._presence = liveliness.declare_subscriber(
-            f"flightstack/{swarm}/alive/*", zenoh.handlers.RingChannel(_RELIABLE_BACKLOG), history=True
+            f"flightstack/{swarm}/{ALIVE}/*", zenoh.handlers.RingChannel(_RELIABLE_BACKLOG), history=True
         )
-        self._token = liveliness.declare_token(f"flightstack/{swarm}/alive/{self.node}")
+        self._token = liveliness.declare_token(f"flightstack/{swarm}/{ALIVE}/{self.node}")
         self._outbox = _Outbox()
         self._failing: set[str] = set()
 
@@ -225,7 +232,8 @@ def _configuration(listen: Sequence[str], connect: Sequence[str], tls: TlsConfig
         },
         "scouting/multicast/enabled": False,
         "scouting/gossip": {
-            "enabled": not lists_itself,
+            # Who is reached through a router and by gossip as well is heard twice.
+            "enabled": not lists_itself and not (tls is not None and tls.routers),
             "autoconnect_strategy": {"peer": {"to_router": "always", "to_peer": "greater-zid"}},
         },
         "scouting/delay": 0,
@@ -269,10 +277,6 @@ def _once_a_pair(listen: Sequence[str], connect: Sequence[str]) -> list[str]:
 
 
 def _open(options: dict[str, Any], listen: Sequence[str]) -> zenoh.Session:
-    tls = options.get("transport/link/tls", {})
-    for name in ("root_ca_certificate", "listen_certificate", "listen_private_key"):
-        if name in tls:
-            _check_readable(tls[name])
     config = zenoh.Config()
     try:
         for path, value in options.items():
@@ -281,14 +285,6 @@ def _open(options: dict[str, Any], listen: Sequence[str]) -> zenoh.Session:
     except zenoh.ZError as error:
         place = f"cannot listen on {', '.join(listen)}" if listen else "cannot join the swarm's network"
         raise TransportError(f"{place}: {_reason(error)}") from error
-
-
-def _check_readable(file: str) -> None:
-    try:
-        with pathlib.Path(file).open("rb"):
-            pass
-    except OSError as error:
-        raise TransportError(f"swarm.tls: cannot read {file}: {error.strerror}") from error
 
 
 def _reason(error: Exception) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import typer
 
 from flightstack.command_line import run_program, versioned
-from gcs.cli import fence, param, plan, serve, status, survey
+from gcs.cli import fence, fleet, param, plan, serve, status, survey
 from gcs.errors import GroundError
 from mission.documents.yaml_file import DocumentError
 
@@ -17,7 +17,7 @@ app = typer.Typer(
 app.callback()(versioned)
 for command in (serve.serve, survey.survey, status.status, status.watch):
     app.command()(command)
-for name, nouns in (("plan", plan.app), ("fence", fence.app), ("param", param.app)):
+for name, nouns in (("plan", plan.app), ("fence", fence.app), ("param", param.app), ("fleet", fleet.app)):
     app.add_typer(nouns, name=name)
 
 

@@ -118,10 +118,12 @@ class Layout(abc.ABC):
         if drones < 1:
             return [f"a formation needs at least 1 drone, not {drones}"]
         found = []
+        # What would do is told from the same layout spaced 1 m: a tiny spacing has distances of 0.
+        unit = dataclasses.replace(self, spacing_m=1.0)
         reach_m = self.spacing_m if radio_range_m is None else radio_range_m
         link_m = self.longest_link_m(drones)
         if link_m > reach_m * (1.0 + _SAME):
-            mend = f"a spacing of at most {self.spacing_m * reach_m / link_m:.2f} m"
+            mend = f"a spacing of at most {reach_m / unit.longest_link_m(drones):.2f} m"
             if self.name != Hexagonal.name and self.spacing_m <= reach_m:
                 mend += f" or the {Hexagonal.name} layout"
             found.append(
@@ -133,7 +135,7 @@ class Layout(abc.ABC):
             found.append(
                 f"{drones} drones in the {self.name} layout spaced {self.spacing_m:g} m come within "
                 f"{apart_m:.2f} m, but must stay {separation_m:g} m apart: choose a spacing of "
-                f"at least {self.spacing_m * separation_m / apart_m:.2f} m"
+                f"at least {separation_m / unit.smallest_separation_m(drones):.2f} m"
             )
         return found
 

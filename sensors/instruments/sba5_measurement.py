@@ -45,27 +45,32 @@ class Measurement:
 
 def measurement(fields: list[str]) -> Measurement | None:
     """The fields behind the M of a line; None for what no setting of an SBA-5 makes."""
-    numbers = list(itertools.takewhile(lambda field: number(field) is not None, fields))
-    words = fields[len(numbers) :]
+    values: list[float] = []
+    for field in fields:
+        value = number(field)
+        if value is None:
+            break
+        values.append(value)
+    numbers, words = fields[: len(values)], fields[len(values) :]
     if not numbers or not all(_WORD.fullmatch(word) for word in words):
         return None
     status = " ".join(words)
     if not words and numbers[-1].isdecimal() and len(numbers[-1]) <= 2:
         status = numbers.pop()
-    form = (*("." in token for token in numbers), bool(status))
+    form = (*["." in token for token in numbers], bool(status))
     analog = bool(status) and len(numbers) in (8, 10) and numbers[-1].isdecimal()
-    found = _usual(numbers[:-1] if analog else numbers, status, form)
+    found = _usual(numbers[:-1] if analog else numbers, values, status, form)
     if found is not None and found.plausible:
         return found
     other = _unusual(numbers, status, form)
     return other if found is None or (other is not None and other.plausible) else found
 
 
-def _usual(tokens: list[str], status: str, form: tuple[bool, ...]) -> Measurement | None:
+def _usual(tokens: list[str], values: list[float], status: str, form: tuple[bool, ...]) -> Measurement | None:
+    """`values`: of the tokens, and perhaps of more behind them."""
     if len(tokens) not in (7, 9):
         return None
-    values = [float(token) for token in tokens]
-    zero_counts, ppm, temperature_c, humidity_mb, pressure_mb = (values[place] for place in (0, 2, 3, 4, 6))
+    zero_counts, _, ppm, temperature_c, humidity_mb, _, pressure_mb = values[:7]
     plausible = _are_counts(tokens[:2]) and _is_pressure(pressure_mb) and _is_temperature(temperature_c)
     fault = _fault(status) if status else _own_fault(zero_counts, temperature_c, humidity_mb)
     return Measurement(ppm, temperature_c, pressure_mb, status, fault, form, True, plausible)

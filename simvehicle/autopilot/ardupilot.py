@@ -152,10 +152,12 @@ class ArduPilotFlightEvents:
         self._modes.after_landing()
 
     def mission(self, told: Told, sequence: int) -> None:
+        if told is Told.COMPLETE:
+            return  # a mission that was cleared in flight is complete too, and has no last item
         command = self._progress.items[sequence].command
         if told is Told.STARTED:
             self._announcer.say(_INFO, f"Mission: {sequence} {NAMES.get(command, str(command))}")
-        elif told is Told.REACHED and command != mavlink.MAV_CMD_NAV_TAKEOFF:
+        elif command != mavlink.MAV_CMD_NAV_TAKEOFF:
             self._announcer.say(_INFO, f"Reached command #{sequence}")
 
     def parameter_changed(self, name: str) -> None:

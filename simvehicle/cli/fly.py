@@ -21,6 +21,13 @@ def fly(
             help="DRONE@SECONDS: kill -9 of a drone's agent, simulated seconds after the first take-off."
         ),
     ] = None,
+    freeze: Annotated[
+        list[str] | None,
+        typer.Option(help="DRONE@SECONDS: stop a drone's agent (SIGSTOP), until its --unfreeze or the end."),
+    ] = None,
+    unfreeze: Annotated[
+        list[str] | None, typer.Option(help="DRONE@SECONDS: let a frozen agent go on (SIGCONT).")
+    ] = None,
     fault: Annotated[
         list[str] | None,
         typer.Option(
@@ -49,15 +56,17 @@ def fly(
     from flightstack.transport import TransportError
     from mission.documents.yaml_file import DocumentError
     from simvehicle.survey import conduct
-    from simvehicle.survey.survey_file import load, parse_fault, parse_kill
+    from simvehicle.survey.agent_faults import parse_freezes, parse_kill
+    from simvehicle.survey.survey_file import load, parse_fault
 
     try:
         faults = tuple(parse_fault(text) for text in fault or ())
         kills = tuple(parse_kill(text) for text in kill or ())
+        freezes = parse_freezes(freeze or (), unfreeze or ())
         loaded = load(survey, speedup=speedup, seed=seed, extra_faults=faults)
         for warning in loaded.warnings:
             typer.echo(f"warning: {warning}", err=True)
-        flown = conduct.fly(loaded, out=out, kills=kills)
+        flown = conduct.fly(loaded, out=out, kills=kills, freezes=freezes)
     except (DocumentError, TransportError) as error:
         typer.echo(f"simvehicle: {error}", err=True)
         raise typer.Exit(2) from error

@@ -5,7 +5,7 @@ from __future__ import annotations
 import typer
 
 from flightstack.command_line import run_program, versioned
-from simvehicle.cli import experiment, fly, run, trial
+from simvehicle.cli import experiment, fly, run, scenario, trial
 
 app = typer.Typer(
     help="The simulated world: vehicles with their autopilots and instruments, surveys, trials.",
@@ -15,6 +15,7 @@ app = typer.Typer(
 app.callback()(versioned)
 for command in (run.run, fly.fly, experiment.experiment, trial.trial):
     app.command()(command)
+app.add_typer(scenario.app, name="scenario")
 
 
 def main() -> None:

@@ -88,6 +88,11 @@ class SimulatedVehicle:
         return not self._body.on_ground
 
     @property
+    def controllable(self) -> bool:
+        """In the air with motors that work: nobody can keep apart what falls."""
+        return self.airborne and not self._body.failed
+
+    @property
     def armed(self) -> bool:
         return self.autopilot.flight.armed
 

@@ -27,6 +27,7 @@ from flightstack.swarm.wire import (
     TreeState,
 )
 from flightstack.transport.memory import MemoryRadio, MemoryTransport
+from flightstack.transport.radio_model import RadioModel
 from mission.geometry.frames import Vector3
 from simvehicle.drone.drones import NOTHING, Drone, DroneBytes, SimulatedDrones
 from simvehicle.drone.simulated_vehicle import SimulatedVehicle
@@ -36,6 +37,10 @@ from simvehicle.world.configured import make_world
 
 TICK_S = 0.1
 GROUND = "ground"
+_INCARNATIONS = 1000
+"""More than there are drones: no two agents of a flight have one incarnation."""
+_SOCKET_BYTES = 212_992
+"""What a socket holds for a process that does not read, Linux' `rmem_default`: later bytes are lost."""
 
 
 @dataclasses.dataclass
@@ -53,6 +58,18 @@ class Member:
     """What the agent said in its last tick: the vehicle hears it in the next step."""
     open_ports: set[str] = dataclasses.field(default_factory=set)
     """The instruments that the agent knows to be there."""
+    frozen: bool = False
+    """Whether the agent stands still, as a process does that gets no time."""
+    missed: list[DroneBytes] = dataclasses.field(default_factory=list)
+    """What a frozen agent's sockets hold for it."""
+    clock_ahead_s: float = 0.0
+    """Of the agent's clock before everybody's."""
+    starts: int = 1
+    """How often the agent was started."""
+
+    @property
+    def runs(self) -> bool:
+        return self.alive and not self.frozen
 
 
 class Scenario:
@@ -62,11 +79,13 @@ class Scenario:
         self,
         drones: Sequence[DroneConfig],
         fleet: FleetConfig,
-        radio: MemoryRadio | None = None,
+        radio: MemoryRadio | RadioModel | None = None,
         *,
         ground_watches: bool = True,
+        ground_ned_m: Vector3 | None = None,
     ) -> None:
-        """`ground_watches`: a ground station tells the swarm where vehicles without agents are.
+        """`ground_watches`: a ground station tells the swarm where vehicles without agents are. Its radio stands at
+        `ground_ned_m`; None: it reaches everybody.
 
         `FleetError` for a fleet that cannot be flown, as everywhere.
         """
@@ -74,7 +93,7 @@ class Scenario:
             raise problem
         self.now_s = 0.0
         self.world = make_world(fleet)
-        self.radio = radio or MemoryRadio(seed=fleet.seed)
+        self.radio = radio if isinstance(radio, MemoryRadio) else MemoryRadio(fleet.seed, model=radio)
         self.states: dict[int, DroneState] = {}
         self.trees: dict[int, TreeState] = {}
         self.events: list[tuple[float, Event]] = []
@@ -84,6 +103,8 @@ class Scenario:
         """Called with every agent's tick, for recording."""
         self._commands = (f"scenario-{n}" for n in itertools.count())
         self._ground = self.radio.join(GROUND)
+        if ground_ned_m is not None:
+            self.radio.place(GROUND, ground_ned_m)
         self._ground_watches = ground_watches
         self._traffic_due_s = 0.0
         self.members: dict[int, Member] = {}
@@ -111,6 +132,25 @@ class Scenario:
     def kill(self, drone: int) -> None:
         """The agent dies as by kill -9; its vehicle flies on by itself."""
         self.members[drone].alive = False
+
+    def start_again(self, drone: int) -> None:
+        """The agent of a drone starts anew, with a new incarnation and without any memory."""
+        member = self.members[drone]
+        member.transport.close()
+        member.transport = self.radio.join(str(drone))
+        member.agent = Agent(member.config, incarnation=drone + _INCARNATIONS * member.starts)
+        member.starts += 1
+        member.open_ports.clear()
+        member.missed.clear()
+        member.heard = NOTHING
+        member.alive, member.frozen = True, False
+
+    def freeze(self, drone: int) -> None:
+        """The agent stands still as by SIGSTOP: the radio and the autopilot's socket hold what comes meanwhile."""
+        self.members[drone].frozen = True
+
+    def thaw(self, drone: int) -> None:
+        self.members[drone].frozen = False
 
     def unplug(self, drone: int, instrument: str) -> None:
         self.members[drone].drone.set_plugged(instrument, False)
@@ -151,8 +191,10 @@ class Scenario:
             self.radio.place(drone, member.vehicle.position_ned_m)
         self.radio.step(self.now_s)
         for drone, member in self.members.items():
-            if member.alive:
-                self._tick(member, said[drone])
+            if member.runs:
+                self._tick(member, _with_missed(member, said[drone]))
+            elif member.alive:
+                member.missed.append(said[drone])
         self._listen()
         if self._ground_watches and self.now_s >= self._traffic_due_s:
             self._traffic_due_s = self.now_s + 0.25
@@ -163,7 +205,7 @@ class Scenario:
         data = b"".join(data for link, data in said.links if link == 0)
         peers = tuple(PeerMessage(r.topic.name, r.sender, r.payload) for r in member.transport.receive())
         inputs = Inputs(data, tuple(_ports(member, said)), peers, 0)
-        outputs = member.agent.step(self.now_s, inputs)
+        outputs = member.agent.step(self.now_s + member.clock_ahead_s, inputs)
         if self.tap is not None:
             self.tap(member.config.drone, self.now_s, inputs, outputs)
         member.heard = DroneBytes(((0, outputs.autopilot),), tuple(outputs.ports))
@@ -190,7 +232,7 @@ class Scenario:
                 drone, m.vehicle.position_ned_m, m.vehicle.velocity_ned_mps, 0.1, m.vehicle.airborne
             )
             for drone, m in self.members.items()
-            if not m.alive
+            if not m.runs
         )
         if orphans:
             traffic = Traffic(GROUND, self.world.frame.identity, orphans)
@@ -216,3 +258,21 @@ def _ports(member: Member, said: DroneBytes) -> Iterator[PortInput]:
             yield PortInput(name, lost="unplugged")
         if name in data:
             yield PortInput(name, data[name])
+
+
+def _with_missed(member: Member, said: DroneBytes) -> DroneBytes:
+    """What an agent reads that was frozen: first what its sockets held, as far as they could."""
+    if not member.missed:
+        return said
+    links: list[tuple[int, bytes]] = []
+    instruments: dict[str, bytes] = {}
+    held = 0
+    for piece in (*member.missed, said):
+        for index, data in piece.links:
+            if index == 0 and held + len(data) <= _SOCKET_BYTES:
+                held += len(data)
+                links.append((index, data))
+        for name, data in piece.instruments:
+            instruments[name] = instruments.get(name, b"") + data
+    member.missed.clear()
+    return DroneBytes(tuple(links), tuple((name, data[:_SOCKET_BYTES]) for name, data in instruments.items()))

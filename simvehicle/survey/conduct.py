@@ -15,13 +15,13 @@ from flightstack.recording.shared_clock import ClockCells
 from flightstack.swarm.topics import COMMAND
 from flightstack.swarm.wire import Severity
 from flightstack.transport import Transport
-from mission.documents.yaml_file import DocumentError
 from simvehicle.fleet.truth import TruthTail, read_tracks
 from simvehicle.survey import launch, progress, summary
+from simvehicle.survey.agent_faults import Freeze, Kill, check_drones
 from simvehicle.survey.draft import LAUNCHER, agent_name
 from simvehicle.survey.processes import Interrupts, Processes
-from simvehicle.survey.supervisor import Finish, Give, KillAgent, Supervisor
-from simvehicle.survey.survey_file import Kill, Survey
+from simvehicle.survey.supervisor import Finish, FreezeAgent, Give, KillAgent, Supervisor, WakeAgent
+from simvehicle.survey.survey_file import Survey
 from simvehicle.survey.watch import RECEIVES, Log, SurveyWatch
 from simvehicle.world.configured import make_world
 
@@ -45,21 +45,12 @@ class Flown(msgspec.Struct, frozen=True):
     """A part could not start with what it was given; nothing has flown."""
 
 
-def check_kills(survey: Survey, kills: tuple[Kill, ...]) -> None:
-    """`DocumentError` for a kill of a drone that is not there."""
-    ids = [drone.id for drone in survey.drones]
-    for kill in kills:
-        if kill.drone not in ids:
-            raise DocumentError(
-                f"--kill {kill.drone}@{kill.at_s:g}", f"there is no drone {kill.drone}, but {ids}"
-            )
-
-
 def fly(
     survey: Survey,
     *,
     out: pathlib.Path,
     kills: tuple[Kill, ...] = (),
+    freezes: tuple[Freeze, ...] = (),
     commands: launch.Commands = launch.installed,
 ) -> Flown:
     """Fly `survey` to its end, whatever that is; nothing that was started is left running.
@@ -67,7 +58,7 @@ def fly(
     Everything is written into a new directory in `out`. Ctrl-C or SIGTERM lands everybody first; the second one ends
     at once. `commands` says which programs the parts are.
     """
-    check_kills(survey, kills)
+    check_drones((drone.id for drone in survey.drones), kills, freezes)
     directory = launch.make_directory(
         out, survey.config.name, datetime.datetime.now(datetime.UTC).astimezone()
     )
@@ -76,7 +67,7 @@ def fly(
     began_s = time.monotonic()
     with interrupts.watched(), Processes(directory) as processes:
         launch.start(prepared, processes, commands)
-        end = _conduct(survey, prepared, processes, interrupts, kills)
+        end = _conduct(survey, prepared, processes, interrupts, kills, freezes)
         stubborn = processes.stop()
     prepared.clock.unlink(missing_ok=True)
     log = end.watch.log()
@@ -91,8 +82,9 @@ def fly(
         summary.Ending(
             outcome=str(end.finish.outcome),
             reason=end.finish.reason,
-            alive=frozenset(end.supervisor.alive),
+            alive=frozenset(end.supervisor.awake),
             kills=end.supervisor.kills,
+            freezes=tuple(end.supervisor.freezes),
             lost_processes=end.lost,
             speedup_reached=end.speedup_reached,
             wall_s=time.monotonic() - began_s,
@@ -104,6 +96,7 @@ def fly(
                     for kill in kills
                     if kill.drone not in end.supervisor.kills
                 ),
+                *_undone(freezes, end.supervisor.freezes),
                 *(f"{name} had to be killed at the end" for name in stubborn),
                 *_too_slow(log),
                 *(f"{n} unreadable messages: {problem}" for problem, n in end.watch.unreadable.items()),
@@ -141,6 +134,11 @@ def words(flown: summary.Summary) -> str:
         f"{flown.alive} of {flown.drones} drones alive, {flown.heals} heals, {flown.fence_breaches} fence breaches"
         f"{separation}, {flown.missed_deadline_fraction:.2%} of deadlines missed"
     )
+    lines += [
+        f"drone {f.drone}: agent frozen at {f.at_s:.0f} s"
+        + (" and not woken again" if f.until_s is None else f", woken at {f.until_s:.0f} s")
+        for f in flown.freezes
+    ]
     lines += [f"drone {orphan.drone}: {orphan.story}" for orphan in flown.orphans]
     told = {orphan.drone for orphan in flown.orphans}
     lines += [
@@ -172,6 +170,7 @@ def _conduct(
     processes: Processes,
     interrupts: Interrupts,
     kills: tuple[Kill, ...],
+    freezes: tuple[Freeze, ...],
 ) -> _End:
     """The loop: hear, see, decide, do; until the supervisor says that it is over, and a moment longer."""
     watch = SurveyWatch([drone.id for drone in survey.drones])
@@ -181,6 +180,7 @@ def _conduct(
         survey=prepared.directory.name,
         time_limit_s=survey.config.time_limit_s,
         kills=kills,
+        freezes=freezes,
     )
     own = prepared.slot(LAUNCHER)
     assert own is not None  # noqa: S101 (the launcher follows the clock)
@@ -219,6 +219,13 @@ def _conduct(
                         case KillAgent(drone):
                             processes.kill(agent_name(drone))
                             _leave(clock, prepared, agent_name(drone))
+                        case FreezeAgent(drone):
+                            # Only what stands still can no longer renew its promise.
+                            if processes.freeze(agent_name(drone)):
+                                _leave(clock, prepared, agent_name(drone))
+                        case WakeAgent(drone):
+                            _wait_for(clock, prepared, agent_name(drone))
+                            processes.wake(agent_name(drone))
                         case Finish():
                             finish = action
                             until_wall_s = wall_s + (
@@ -245,6 +252,26 @@ def _leave(clock: ClockCells, prepared: launch.Prepared, process: str) -> None:
     slot = prepared.slot(process)
     if slot is not None:
         clock.leave(slot)
+
+
+def _wait_for(clock: ClockCells, prepared: launch.Prepared, process: str) -> None:
+    """Simulated time waits for one that left the clock and comes again."""
+    slot = prepared.slot(process)
+    if slot is not None:
+        clock.values[slot] = clock.values[0]
+
+
+def _undone(asked: tuple[Freeze, ...], done: list[Freeze]) -> list[str]:
+    """What of the freezes the end of the agent or of the survey forestalled."""
+    told = []
+    for drone in sorted({freeze.drone for freeze in asked}):
+        wanted = sorted(f.at_s for f in asked if f.drone == drone)
+        happened = sum(f.drone == drone for f in done)
+        told += [
+            f"drone {drone}'s agent was not frozen at {at_s:g} s: it or the survey had ended"
+            for at_s in wanted[happened:]
+        ]
+    return told
 
 
 def _join(prepared: launch.Prepared) -> Transport:

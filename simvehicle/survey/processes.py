@@ -94,6 +94,24 @@ class Processes:
         process.wait()
         return True
 
+    def freeze(self, name: str) -> bool:
+        """SIGSTOP to one process and its group, which stands still on return; False if it is gone already."""
+        process = self._running.get(name)
+        if process is None or process.poll() is not None:
+            return False
+        self._signal(process, signal.SIGSTOP)
+        _, status = os.waitpid(process.pid, os.WUNTRACED)
+        if os.WIFSTOPPED(status):
+            return True
+        process.returncode = os.waitstatus_to_exitcode(status)  # it ended first: `ended` shall tell how
+        return False
+
+    def wake(self, name: str) -> None:
+        """SIGCONT to one that was frozen, and its group."""
+        process = self._running.get(name)
+        if process is not None:
+            self._signal(process, signal.SIGCONT)
+
     def stop(self, grace_s: float = 5.0) -> list[str]:
         """End all: SIGTERM, and SIGKILL after `grace_s` wall seconds; returns who needed the latter.
 
@@ -104,6 +122,7 @@ class Processes:
             for _ in range(2):
                 for process in self._running.values():
                     self._signal(process, signal.SIGTERM)
+                    self._signal(process, signal.SIGCONT)  # who is frozen hears nothing else
                 deadline_s = time.monotonic() + grace_s / 2.0
                 while time.monotonic() < deadline_s and any(p.poll() is None for p in self._running.values()):
                     time.sleep(_POLL_S)

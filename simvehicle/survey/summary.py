@@ -15,6 +15,7 @@ from mission.geometry.geofence import Geofence, LocalFence
 from mission.strategies.contract import Stage
 from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.fleet.truth import LONGEST_STEP_S, STEP_S, VehicleTrack
+from simvehicle.survey.agent_faults import Freeze
 from simvehicle.survey.watch import Log
 
 FENCE_TOLERANCE_M = 1.0
@@ -47,7 +48,7 @@ class DroneSummary(msgspec.Struct, frozen=True):
 
 
 class Orphan(msgspec.Struct, frozen=True):
-    """A vehicle whose agent died in flight, and what became of it."""
+    """A vehicle whose agent died in flight, or was frozen to the end, and what became of it."""
 
     drone: int
     killed_at_s: float | None
@@ -71,7 +72,7 @@ class Summary(msgspec.Struct, frozen=True):
     name: str
     drones: int
     alive: int
-    """Drones whose agents ran to the end and whose vehicles did not crash."""
+    """Drones whose agents ran, not frozen, to the end and whose vehicles did not crash."""
     time_to_contact_s: float | None
     """Until the swarm first measured enough to follow it."""
     time_to_source_s: float | None
@@ -89,6 +90,8 @@ class Summary(msgspec.Struct, frozen=True):
     heals: int
     kills: dict[int, float]
     """Drone -> when its agent was killed on purpose."""
+    freezes: tuple[Freeze, ...]
+    """When agents were stopped on purpose; without an end: to the end, or until it died."""
     orphans: tuple[Orphan, ...]
     lost_processes: tuple[str, ...]
     """Processes that ended by themselves."""
@@ -120,6 +123,7 @@ class Ending(msgspec.Struct, frozen=True):
     speedup_reached: float | None
     log_dir: str
     warnings: tuple[str, ...] = ()
+    freezes: tuple[Freeze, ...] = ()
 
 
 def summarise(
@@ -161,6 +165,7 @@ def summarise(
         fence_breaches=fence_breaches(tracks, LocalFrame(fleet.origin), geofence),
         heals=log.heals,
         kills={drone: round(at_s, 1) for drone, at_s in ending.kills.items()},
+        freezes=tuple(Freeze(f.drone, round(f.at_s, 1), _rounded(f.until_s, 1)) for f in ending.freezes),
         orphans=_orphans(tracks, homes, ending, log),
         lost_processes=ending.lost_processes,
         missed_deadline_fraction=round(log.late_ticks / max(log.ticks, 1), 5),
@@ -293,6 +298,8 @@ def _orphans(
                 (e.time_s for e in log.events if e.code == "process" and f"drone-{drone} " in e.text), None
             )
         if died_s is None:
+            died_s = next((f.at_s for f in ending.freezes if f.drone == drone and f.until_s is None), None)
+        if died_s is None:
             continue
         after = np.flatnonzero(track.time_s >= died_s)
         if not after.size or not track.airborne[after[0]]:
@@ -335,7 +342,7 @@ def _orphan(
         story = (
             f"flew on in {modes[0]} for {changed_s:.1f} s, then {' > '.join(modes[1:])} "
             f"({'sent by the ground station' if commanded else 'its autopilot by itself'}); "
-            f"landed {landed_s - died_s:.0f} s after its agent's death, {distance_m:.1f} m from its home"
+            f"landed {landed_s - died_s:.0f} s after its agent's last word, {distance_m:.1f} m from its home"
         )
     return Orphan(
         drone,

@@ -10,9 +10,9 @@ import msgspec
 
 from flightstack.swarm.wire import Command, CommandName, Phase, Result, Severity
 from mission.strategies.contract import Stage
+from simvehicle.survey.agent_faults import Freeze, Kill
 from simvehicle.survey.draft import GROUND, VEHICLES, agent_name
 from simvehicle.survey.processes import Ended
-from simvehicle.survey.survey_file import Kill
 from simvehicle.survey.watch import SurveyWatch
 
 START_UP_WALL_S = 120.0
@@ -55,6 +55,14 @@ class KillAgent(msgspec.Struct, frozen=True):
     drone: int
 
 
+class FreezeAgent(msgspec.Struct, frozen=True):
+    drone: int
+
+
+class WakeAgent(msgspec.Struct, frozen=True):
+    drone: int
+
+
 class Finish(msgspec.Struct, frozen=True):
     """The survey is over and all is down, or cannot be waited for any longer."""
 
@@ -64,7 +72,7 @@ class Finish(msgspec.Struct, frozen=True):
     """A part refused to start with what it was given (a port in use, say): nothing has flown."""
 
 
-Action: TypeAlias = Give | KillAgent | Finish
+Action: TypeAlias = Give | KillAgent | FreezeAgent | WakeAgent | Finish
 
 
 class Stand(enum.StrEnum):
@@ -78,18 +86,30 @@ class Supervisor:
     """One survey. `step` is called several times a second and says what to do."""
 
     def __init__(
-        self, watch: SurveyWatch, *, launcher: str, survey: str, time_limit_s: float, kills: Sequence[Kill]
+        self,
+        watch: SurveyWatch,
+        *,
+        launcher: str,
+        survey: str,
+        time_limit_s: float,
+        kills: Sequence[Kill],
+        freezes: Sequence[Freeze] = (),
     ) -> None:
         self.stand = Stand.STARTING_UP
         self.alive = set(watch.members)
-        """Drones whose agents run."""
+        """Drones whose agents run, frozen ones among them."""
+        self.frozen: set[int] = set()
         self.kills: dict[int, float] = {}
         """Drone -> when its agent was killed, seconds after the first take-off."""
+        self.freezes: list[Freeze] = []
+        """Those that happened, when they did, in seconds after the first take-off."""
         self._watch = watch
         self._launcher = launcher
         self._survey = survey
         self._time_limit_s = time_limit_s
         self._to_kill = sorted(kills, key=lambda kill: kill.at_s)
+        self._to_freeze = sorted(freezes, key=lambda freeze: freeze.at_s)
+        self._to_wake: dict[int, float] = {}
         self._began_wall_s: float | None = None
         self._command: Command | None = None
         self._command_since_wall_s = 0.0
@@ -122,10 +142,15 @@ class Supervisor:
                 self._flying(now_s, wall_s)
             case Stand.COMING_HOME:
                 pass
-        actions: list[Action] = [*self._killing(now_s), *self._giving(wall_s)]
+        actions: list[Action] = [*self._killing(now_s), *self._freezing(now_s), *self._giving(wall_s)]
         if self.stand is Stand.COMING_HOME and self._over is not None and self._all_down(now_s):
             actions.append(self._over)
         return actions
+
+    @property
+    def awake(self) -> set[int]:
+        """Drones whose agents run and can answer."""
+        return self.alive - self.frozen
 
     # -- the stands -------------------------------------------------------------------------------------------
 
@@ -147,7 +172,7 @@ class Supervisor:
         command = self._command
         if command is None:
             return
-        answers = {d: self._watch.outcomes.get((command.identity, d)) for d in self.alive}
+        answers = {d: self._watch.outcomes.get((command.identity, d)) for d in self.awake}
         refused = {d: a.reason for d, a in answers.items() if a is not None and a.result is Result.REFUSED}
         missing = [d for d, a in answers.items() if a is None]
         if not refused and not missing:
@@ -190,8 +215,12 @@ class Supervisor:
                 LANDING_LIMIT_S,
             )
             self._order(CommandName.ABORT, wall_s)
-        elif now_s - self._flying_since_s > SETTLE_S and all(
-            watch.states[d].phase in (Phase.LANDED, Phase.CRASHED, Phase.DISARMED) for d in self.alive
+        elif (
+            self.awake
+            and now_s - self._flying_since_s > SETTLE_S
+            and all(
+                watch.states[d].phase in (Phase.LANDED, Phase.CRASHED, Phase.DISARMED) for d in self.awake
+            )
         ):
             texts = "; ".join(f"drone {e.drone}: {e.text}" for e in watch.log().events if e.code == "arming")
             self._end(
@@ -217,7 +246,7 @@ class Supervisor:
             self._watch.note(now_s, Severity.CRITICAL, "process", str(one))
             drone = next((d for d in self._watch.members if agent_name(d) == one.name), None)
             if drone is not None:
-                self.alive.discard(drone)
+                self._gone(drone)
             on_the_ground = self._watch.first_takeoff_s is None
             starting = on_the_ground and self.stand in (Stand.STARTING_UP, Stand.COMMANDING)
             if one.name == VEHICLES or starting:
@@ -237,12 +266,44 @@ class Supervisor:
         for kill in due:
             self._to_kill.remove(kill)
             if kill.drone in self.alive and elapsed_s is not None:
-                self.alive.discard(kill.drone)
+                self._gone(kill.drone)
                 self.kills[kill.drone] = elapsed_s
                 self._watch.note(
                     now_s, Severity.WARNING, "kill", "agent killed on purpose (kill -9)", kill.drone
                 )
         return [KillAgent(k.drone) for k in due if k.drone in self.kills]
+
+    def _freezing(self, now_s: float) -> list[FreezeAgent | WakeAgent]:
+        elapsed_s = self._watch.since_takeoff_s(now_s)
+        if elapsed_s is None:
+            return []
+        actions: list[FreezeAgent | WakeAgent] = []
+        for drone in [d for d, until_s in self._to_wake.items() if elapsed_s >= until_s]:
+            del self._to_wake[drone]
+            self.frozen.discard(drone)
+            (index,) = (i for i, f in enumerate(self.freezes) if f.drone == drone and f.until_s is None)
+            self.freezes[index] = Freeze(drone, self.freezes[index].at_s, elapsed_s)
+            self._watch.note(now_s, Severity.INFO, "freeze", "agent goes on (SIGCONT)", drone)
+            actions.append(WakeAgent(drone))
+        for freeze in [f for f in self._to_freeze if elapsed_s >= f.at_s and f.drone not in self.frozen]:
+            self._to_freeze.remove(freeze)
+            if freeze.drone not in self.alive:
+                continue
+            self.frozen.add(freeze.drone)
+            self.freezes.append(Freeze(freeze.drone, elapsed_s))
+            if freeze.until_s is not None:
+                self._to_wake[freeze.drone] = freeze.until_s
+            self._watch.note(
+                now_s, Severity.WARNING, "freeze", "agent frozen on purpose (SIGSTOP)", freeze.drone
+            )
+            actions.append(FreezeAgent(freeze.drone))
+        return actions
+
+    def _gone(self, drone: int) -> None:
+        """Its agent runs no more; what was frozen stays in `freezes` without an end."""
+        self.alive.discard(drone)
+        self.frozen.discard(drone)
+        self._to_wake.pop(drone, None)
 
     def _order(self, name: CommandName, wall_s: float) -> None:
         self._numbers += 1
@@ -252,11 +313,11 @@ class Supervisor:
         self._sent_wall_s = -1e9
 
     def _giving(self, wall_s: float) -> list[Give]:
-        """The pending command, repeated until every living drone has answered or there is no hope of it."""
+        """The pending command, repeated until every drone that can has answered or there is no hope of it."""
         command = self._command
         if command is None or wall_s - self._sent_wall_s < REPEAT_WALL_S:
             return []
-        unanswered = [d for d in self.alive if (command.identity, d) not in self._watch.outcomes]
+        unanswered = [d for d in self.awake if (command.identity, d) not in self._watch.outcomes]
         if self.stand is not Stand.COMMANDING and (
             not unanswered or wall_s - self._command_since_wall_s > ANSWER_WALL_S
         ):
@@ -276,8 +337,8 @@ class Supervisor:
         down = {d for d, since_s in self._watch.down_since_s.items() if now_s - since_s >= DOWN_S}
         if not self._watch.down_since_s and self._watch.first_takeoff_s is None:
             return True  # nothing ever flew, and the world has not even said where the vehicles stand
-        orphans = set(self._watch.members) - self.alive
-        if not self.alive <= down:
+        orphans = set(self._watch.members) - self.awake
+        if not self.awake <= down:
             self._alive_down_s = None
             return now_s > self._home_by_s
         if self._alive_down_s is None:

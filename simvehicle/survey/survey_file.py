@@ -145,6 +145,14 @@ def parse_survey(
         seed=config.seed if seed is None else seed,
         faults=(*config.faults, *extra_faults),
     )
+    return check(config, text, file, extra_faults=extra_faults)
+
+
+def check(config: SurveyConfig, text: str, file: str, *, extra_faults: tuple[FaultSpec, ...] = ()) -> Survey:
+    """What was read from `text` as a survey that can be flown; `DocumentError` for one that cannot.
+
+    `extra_faults`: those of `config` that the command line added.
+    """
     return _Checks(file, text, config, extra_faults).run()
 
 
@@ -174,21 +182,6 @@ def parse_fault(text: str) -> FaultSpec:
         FaultSpec,
     )
     return fault
-
-
-class Kill(msgspec.Struct, frozen=True):
-    """kill -9 of a drone's agent, `at_s` simulated seconds after the first take-off."""
-
-    drone: int
-    at_s: float
-
-
-def parse_kill(text: str) -> Kill:
-    """A kill as the command line says it: "3@60"."""
-    match = re.fullmatch(r"(\d+)@(\d+(?:\.\d+)?)", text)
-    if match is None:
-        raise DocumentError(f"--kill {text}", "write DRONE@SECONDS, such as 3@60")
-    return Kill(int(match[1]), float(match[2]))
 
 
 class _Checks:

@@ -11,6 +11,7 @@ from flightstack.swarm.topics import COMMAND, EVENT, OUTCOME, STATE, TREE, Recei
 from flightstack.transport import Transport, TransportError
 from flightstack.transport.backlog import KEPT_PER_SENDER
 from flightstack.transport.memory import MemoryRadio
+from flightstack.transport.radio_model import LinkBudget, RadioModel
 from flightstack.transport.zenoh_transport import ZenohTransport
 
 ALL = (STATE, TREE, COMMAND, OUTCOME, EVENT)
@@ -29,10 +30,11 @@ class NetworkUnderTest(Protocol):
 
 
 class RadioNetwork:
-    def __init__(self) -> None:
-        self._radio = MemoryRadio(seed=1)
+    def __init__(self, model: RadioModel | None = None) -> None:
+        self._radio = MemoryRadio(seed=1, model=model)
 
     def join(self, name: int | str, receives: Sequence[Topic] = ALL) -> NodeUnderTest:
+        self._radio.place(name, (0.0, 0.0, -10.0))
         return self._radio.join(name, receives)
 
     def turn(self) -> None:
@@ -62,10 +64,19 @@ class ZenohNetwork:
             node.close()
 
 
-@pytest.fixture(params=["radio", "zenoh"])
+NEAR_EACH_OTHER = RadioModel(
+    link_budget=LinkBudget(), range_m=100.0, delay_s=0.02, bandwidth_bytes_per_s=1e6, queue_bytes=1 << 20
+)
+"""Everything that a radio can have of its own, and nothing of it so bad that a promise cannot be kept."""
+
+
+@pytest.fixture(params=["radio", "modelled radio", "zenoh"])
 def network(request: pytest.FixtureRequest, free_port: Callable[[], int]) -> Iterator[NetworkUnderTest]:
     if request.param == "radio":
         yield RadioNetwork()
+        return
+    if request.param == "modelled radio":
+        yield RadioNetwork(NEAR_EACH_OTHER)
         return
     zenoh = ZenohNetwork(free_port)
     yield zenoh

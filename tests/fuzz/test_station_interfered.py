@@ -145,7 +145,7 @@ def test_wrong_messages_end_nothing(cases: int, whose: str) -> None:
             if (number := rng.choice((rng.randrange(2**40), rng.randrange(300))))
         ]
 
-    for _ in growth.ticks(3 * cases // a_tick):
+    for _ in growth.ticks(4 * cases // a_tick):
         outputs = listening.tick(lambda real: b"", told())
         if whose != "members":
             assert listening.orders(outputs) == []

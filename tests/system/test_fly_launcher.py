@@ -17,9 +17,10 @@ import pytest
 
 from flightstack.recording.shared_clock import ClockCells
 from simvehicle.survey import launch
+from simvehicle.survey.agent_faults import Freeze, Kill
 from simvehicle.survey.conduct import HEARD_WITHIN_S, Flown, fly, write_report
 from simvehicle.survey.supervisor import SurveyOutcome
-from simvehicle.survey.survey_file import Kill, load
+from simvehicle.survey.survey_file import load
 
 pytestmark = pytest.mark.system
 
@@ -99,6 +100,20 @@ def test_a_killed_agent_and_its_orphan(survey_file: pathlib.Path, tmp_path: path
     assert got.kills[3] == pytest.approx(25.0, abs=2.5), "simulated time waits for the launcher"
     assert [(o.drone, o.modes) for o in got.orphans] == [(3, "GUIDED > RTL")]
     assert got.lost_processes == (), "a kill on purpose is no surprise"
+    assert nothing_runs(flown.directory)
+
+
+def test_a_frozen_agent_is_not_waited_for_and_goes_on_when_it_is_woken(
+    survey_file: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    flown = fly(load(survey_file), out=tmp_path / "out", freezes=(Freeze(3, 12.0, 16.0),), commands=STANDIN)
+    got = flown.summary
+    assert (got.outcome, got.alive, got.orphans) == (SurveyOutcome.SOURCE_FOUND, 3, ())
+    (freeze,) = got.freezes
+    assert freeze.drone == 3
+    assert freeze.at_s == pytest.approx(12.0, abs=2.5)
+    assert freeze.until_s == pytest.approx(16.0, abs=2.5)
+    assert got.lost_processes == ()
     assert nothing_runs(flown.directory)
 
 

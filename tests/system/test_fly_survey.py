@@ -128,6 +128,8 @@ def in_the_air(out: pathlib.Path) -> bool:
         (["no/such/file.yaml"], "no/such/file.yaml: cannot be read"),
         ([SURVEY, "--kill", "9@60"], "there is no drone 9"),
         ([SURVEY, "--kill", "nine"], "write DRONE@SECONDS"),
+        ([SURVEY, "--freeze", "9@60"], "there is no drone 9"),
+        ([SURVEY, "--unfreeze", "3@60"], "nothing froze it before"),
         ([SURVEY, "--fault", "fire:1@1"], "--fault fire:1@1"),
         ([SURVEY, "--fault", "co2-unplug:9@1"], "there is no drone 9"),
     ],

@@ -29,7 +29,14 @@ SPEEDUP = 5.0
 HOME_X, HOME_Y = -50600000, 1513000000
 PARAMETERS = {
     "ardupilot": {"RTL_LOIT_TIME": 500.0, "LAND_SPEED": 150.0, "WPNAV_SPEED": 800.0},
-    "px4": {"RTL_RETURN_ALT": 12.0, "RTL_DESCEND_ALT": 8.0, "MPC_LAND_SPEED": 1.2, "MIS_TAKEOFF_ALT": 5.0},
+    "px4": {
+        "RTL_RETURN_ALT": 12.0,
+        "RTL_DESCEND_ALT": 8.0,
+        "MPC_LAND_SPEED": 1.2,
+        "MIS_TAKEOFF_ALT": 5.0,
+        # The client's 20 setpoints a second of the wall's are 4 of the vehicle's: a stall of the machine is no loss.
+        "COM_OF_LOSS_T": 10.0,
+    },
 }
 
 
@@ -235,7 +242,8 @@ async def go_to(client: Client, vehicle: SimulatedVehicle) -> None:
 async def offboard(client: Client, vehicle: SimulatedVehicle, flavour: str) -> None:
     from mavsdk.plugins.offboard import PositionNedYaw, VelocityNedYaw
 
-    await client.offboard.set_position_ned(PositionNedYaw(10.0, 10.0, -10.0, 90.0))
+    for _ in range(2):  # PX4 enters the mode when they come often enough: one alone has no rate
+        await client.offboard.set_position_ned(PositionNedYaw(10.0, 10.0, -10.0, 90.0))
     await client.offboard.start()
     assert await client.offboard.is_active()
     await until("at the offboard position", lambda: at(vehicle, 10.0, 10.0, 10.0))

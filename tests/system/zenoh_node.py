@@ -1,20 +1,38 @@
 """One node of a swarm in a process of its own: says who it hears, until its standard input ends.
 
-Arguments: name, listen endpoints, connect endpoints (both comma-separated, may be empty). Prints one JSON object a
-tick: the senders heard in it, and who is alive.
+Arguments: name, listen endpoints, connect endpoints (both comma-separated, may be empty); or name and a file with a
+`swarm` section. Prints one JSON object a tick: the senders heard in it, who is alive, and in whose names something
+was ever heard that no node says.
 """
 
 from __future__ import annotations
 
 import json
+import pathlib
 import select
 import sys
 import time
 
-from flightstack.swarm.topics import EVENT, STATE
+import msgspec
+import yaml
+
+from flightstack.config import SwarmConfig
+from flightstack.swarm.topics import EVENT, STATE, TOPICS
+from flightstack.transport.certificates import beside
 from flightstack.transport.zenoh_transport import ZenohTransport
 
 TICK_S = 0.05
+SAID = (b"s" * 200, b"e")
+
+
+def _open(name: str, *network: str) -> ZenohTransport:
+    if len(network) == 2:
+        return ZenohTransport("mesh", name, *map(_endpoints, network), (STATE, EVENT))
+    file = pathlib.Path(network[0])
+    swarm = beside(msgspec.convert(yaml.safe_load(file.read_text())["swarm"], SwarmConfig), file.parent)
+    return ZenohTransport(
+        swarm.name, name, swarm.listen, swarm.connect, TOPICS.values(), swarm.tls, swarm.members
+    )
 
 
 def _endpoints(text: str) -> list[str]:
@@ -22,16 +40,19 @@ def _endpoints(text: str) -> list[str]:
 
 
 def main() -> None:
-    name, listen, connect = sys.argv[1:4]
-    transport = ZenohTransport("mesh", name, _endpoints(listen), _endpoints(connect), (STATE, EVENT))
+    transport = _open(*sys.argv[1:])
+    forged: set[str] = set()
     longest_s = 0.0
     while not select.select([sys.stdin], [], [], 0)[0]:
         began_s = time.monotonic()
-        transport.publish(STATE, b"s" * 200)
-        transport.publish(EVENT, b"e")
-        heard = sorted({message.sender for message in transport.receive()})
+        transport.publish(STATE, SAID[0])
+        transport.publish(EVENT, SAID[1])
+        messages = transport.receive()
+        heard = sorted({message.sender for message in messages})
+        forged |= {message.sender for message in messages if message.payload not in SAID}
         longest_s = max(longest_s, time.monotonic() - began_s)
-        sys.stdout.write(json.dumps({"heard": heard, "alive": sorted(transport.alive())}) + "\n")
+        said = {"heard": heard, "alive": sorted(transport.alive()), "forged": sorted(forged)}
+        sys.stdout.write(json.dumps(said) + "\n")
         sys.stdout.flush()
         time.sleep(TICK_S)
     transport.close()

@@ -211,6 +211,14 @@ def test_a_recording_is_never_overwritten_and_the_next_one_finds_a_free_name(tmp
     assert written == {"f.1.mcap": [{"n": 1}], "f.1-2.mcap": [{"n": 2}], "f.1-3.mcap": [{"n": 3}]}
 
 
+def test_a_time_that_is_none_ends_what_can_be_read(tmp_path, caplog):
+    path = tmp_path / "f.mcap"
+    assert len(_write(path, ("/t", 1.25, {"n": 1}), ("/t", 2.75, {"n": 2}))) == 2
+    path.write_bytes(path.read_bytes().replace(b'"_time_s":2.75', b'"_time_s":null'))
+    assert [record.message for record in read_recording(path)] == [{"n": 1}]
+    assert "breaks off" in caplog.text
+
+
 def test_a_missing_directory_or_file_is_one_clear_line(tmp_path):
     with pytest.raises(RecordingError, match="cannot be recorded to: No such file"):
         FlightRecorder(tmp_path / "none" / "f.mcap")

@@ -88,10 +88,10 @@ def test_a_missing_certificate_is_named(tmp_path):
 
 def test_members_hear_each_other_over_tls_and_a_stranger_hears_and_says_nothing():
     endpoint = free_endpoint("tls")
-    member = ZenohTransport("s", 1, (endpoint,), (), (EVENT,), tls("drone-1"))
-    other = ZenohTransport("s", 2, (), (endpoint,), (EVENT,), tls("drone-2"))
+    member = ZenohTransport("s", 1, (endpoint,), (), (EVENT,), tls("drone-1"), (1, 2, 3))
+    other = ZenohTransport("s", 2, (), (endpoint,), (EVENT,), tls("drone-2"), (1, 2, 3))
     # A stranger who even trusts the swarm's authority, but whose own certificate somebody else signed.
-    stranger = ZenohTransport("s", 3, (), (endpoint,), (EVENT,), tls("stranger", "authority"))
+    stranger = ZenohTransport("s", 3, (), (endpoint,), (EVENT,), tls("stranger", "authority"), (1, 2, 3))
     try:
         heard: list[Received] = []
         strange: list[Received] = []

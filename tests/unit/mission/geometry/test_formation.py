@@ -39,6 +39,13 @@ def test_the_planner_refuses_with_what_to_do() -> None:
     assert "at least 1 drone" in Hexagonal(10.0).problems(0, separation_m=4.0)[0]
 
 
+@pytest.mark.parametrize("layout", [Hexagonal(1e-320), Rings(1e-320)])
+def test_a_spacing_of_next_to_nothing_is_refused_with_what_would_do(layout: Layout) -> None:
+    found = layout.problems(6, separation_m=4.0, radio_range_m=300.0)
+    assert len(found) == 1
+    assert f"at least {4.0 / type(layout)(1.0).smallest_separation_m(6):.2f} m" in found[0]
+
+
 def test_unknown_layouts_and_impossible_numbers_are_named() -> None:
     with pytest.raises(ValueError, match="hexagonal, rings"):
         make_layout("square", 10.0)

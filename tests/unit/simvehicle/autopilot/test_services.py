@@ -491,6 +491,22 @@ def test_missions_are_flown_with_speed_changes_jumps_and_delays(
     assert ground.of("MISSION_CURRENT")[-1].mission_state == mavlink.MISSION_STATE_COMPLETE
 
 
+@pytest.mark.parametrize("flavour", ["ardupilot", "px4"])
+def test_a_mission_that_is_cleared_while_it_is_flown_is_over(flavour: str, make_ground: MakeGround) -> None:
+    ground = make_ground(flavour)
+    ground.take_off()
+    assert upload(ground, [item(n, 16, x=-50500000) for n in range(3)]) == mavlink.MAV_MISSION_ACCEPTED
+    if flavour == "ardupilot":
+        ground.mode(3)
+    else:
+        assert ground.command(300) == ACCEPTED
+    ground.run(3.0)
+    ground.send(mavlink.MAVLink_mission_clear_all_message(7, 1, 0))
+    ground.run(10.0)
+    assert ground.vehicle.airborne
+    assert math.hypot(*ground.vehicle.velocity_ned_mps[:2]) < 0.5
+
+
 def test_pausing_and_resuming_a_mission(make_ground: MakeGround) -> None:
     ground = make_ground("px4")
     ground.take_off()

@@ -107,6 +107,20 @@ def test_a_kill_is_no_unexpected_death(tmp_path: pathlib.Path) -> None:
         assert processes.ended() == []
 
 
+def test_who_is_frozen_stands_still_until_it_is_woken_and_ends_in_order(tmp_path: pathlib.Path) -> None:
+    with Processes(tmp_path) as processes:
+        processes.start("one", SLEEP)
+        process = psutil.Process(processes.pid("one"))
+        assert processes.freeze("one")
+        assert process.status() == psutil.STATUS_STOPPED
+        assert processes.ended() == []
+        processes.wake("one")
+        wait_until(lambda: process.status() != psutil.STATUS_STOPPED)
+        assert processes.freeze("one")
+        assert processes.stop() == [], "a frozen process is woken to end"
+        assert not processes.freeze("one")
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux ends the children of a killed parent")
 def test_nothing_outlives_a_killed_launcher(tmp_path: pathlib.Path) -> None:
     program = f"""

@@ -19,6 +19,7 @@ from simvehicle.faults.fault_table import FaultSpec
 from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.fleet.truth import TruthRow, TruthTail, VehicleTrack, make_tracks, parse_row, read_tracks
 from simvehicle.survey import summary
+from simvehicle.survey.agent_faults import Freeze
 from simvehicle.survey.conduct import words
 from simvehicle.survey.watch import EventMark, Log, OrderMark
 
@@ -189,6 +190,17 @@ def test_a_px4_that_came_home_did_not_go_on_in_offboard_on_the_ground() -> None:
     orphan = track(2, np.where(TIMES_S < 40.0, 0.0, 40.5), airborne=flying, modes=modes)
     got = summarise({1: track(1, 20.0), 2: orphan}, alive=frozenset({1}), kills={2: 20.0})
     assert got.orphans[0].modes == "OFFBOARD > RTL"
+
+
+def test_an_agent_frozen_to_the_end_leaves_an_orphan_and_one_that_was_woken_does_not() -> None:
+    flying = TIMES_S < 50.0
+    tracks = {1: track(1, 20.0, airborne=flying), 2: track(2, 40.0, airborne=flying)}
+    got = summarise(tracks, alive=frozenset({1}), freezes=(Freeze(1, 5.0, 15.04), Freeze(2, 20.0)))
+    assert [(o.drone, o.killed_at_s, o.mode_changed_after_s) for o in got.orphans] == [(2, None, None)]
+    assert got.freezes == (Freeze(1, 5.0, 15.0), Freeze(2, 20.0, None))
+    told = words(got).splitlines()
+    assert "drone 1: agent frozen at 5 s, woken at 15 s" in told
+    assert "drone 2: agent frozen at 20 s and not woken again" in told
 
 
 def test_an_agent_that_died_by_itself_leaves_an_orphan_too() -> None:

@@ -12,9 +12,18 @@ from flightstack.swarm.wire import CommandName, DroneState, Phase, Result, TreeS
 from mission.estimation.estimates import Scalar
 from mission.strategies.contract import Order, Stage
 from simvehicle.fleet.truth import TruthRow
+from simvehicle.survey.agent_faults import Freeze, Kill
 from simvehicle.survey.processes import Ended
-from simvehicle.survey.supervisor import Action, Finish, Give, KillAgent, Supervisor, SurveyOutcome
-from simvehicle.survey.survey_file import Kill
+from simvehicle.survey.supervisor import (
+    Action,
+    Finish,
+    FreezeAgent,
+    Give,
+    KillAgent,
+    Supervisor,
+    SurveyOutcome,
+    WakeAgent,
+)
 from simvehicle.survey.watch import SurveyWatch
 
 SPEEDUP = 5.0
@@ -32,14 +41,21 @@ def state(drone: int, phase: Phase, mode: str = "GUIDED", *, airborne: bool = Fa
 class SupervisedSwarm:
     """Three drones as the supervisor meets them; the test says what they do."""
 
-    def __init__(self, *kills: Kill, time_limit_s: float = 600.0) -> None:
+    def __init__(self, *kills: Kill, time_limit_s: float = 600.0, freezes: tuple[Freeze, ...] = ()) -> None:
         self.watch = SurveyWatch([1, 2, 3])
         self.supervisor = Supervisor(
-            self.watch, launcher="launcher", survey="test", time_limit_s=time_limit_s, kills=kills
+            self.watch,
+            launcher="launcher",
+            survey="test",
+            time_limit_s=time_limit_s,
+            kills=kills,
+            freezes=freezes,
         )
         self.now_s = 1000.0
         self.given: list[wire.Command] = []
         self.killed: list[int] = []
+        self.frozen: list[tuple[int, bool]] = []
+        """(drone, whether it was frozen or woken), in order."""
         self.over: Finish | None = None
         self.answering = True
         self.refusing = ""
@@ -92,6 +108,10 @@ class SupervisedSwarm:
                         self.watch.hear(self.now_s, topics.OUTCOME, topics.OUTCOME.codec.encode(outcome))
             case KillAgent(drone):
                 self.killed.append(drone)
+            case FreezeAgent(drone):
+                self.frozen.append((drone, True))
+            case WakeAgent(drone):
+                self.frozen.append((drone, False))
             case Finish():
                 self.over = action
 
@@ -215,6 +235,55 @@ def test_a_kill_on_time_and_the_orphan_is_waited_for() -> None:
     swarm.world()
     swarm.run(5.0)
     assert swarm.outcome is SurveyOutcome.SOURCE_FOUND
+
+
+def test_a_frozen_agent_goes_on_when_its_time_comes() -> None:
+    swarm = SupervisedSwarm(freezes=(Freeze(3, 20.0, 40.0),))
+    swarm.take_off()
+    swarm.run(5.0)
+    assert swarm.frozen == []
+    swarm.run(10.0)
+    assert swarm.frozen == [(3, True)]
+    assert (swarm.supervisor.alive, swarm.supervisor.awake) == ({1, 2, 3}, {1, 2})
+    swarm.run(20.0)
+    assert swarm.frozen == [(3, True), (3, False)]
+    assert swarm.supervisor.awake == {1, 2, 3}
+    (freeze,) = swarm.supervisor.freezes
+    assert freeze.drone == 3
+    assert freeze.at_s == pytest.approx(20.0, abs=1.0)
+    assert freeze.until_s == pytest.approx(40.0, abs=1.0)
+
+
+def test_a_survey_ends_without_a_word_of_who_is_frozen() -> None:
+    swarm = SupervisedSwarm(freezes=(Freeze(3, 20.0),))
+    swarm.take_off()
+    swarm.run(20.0)
+    swarm.order(Stage.FOUND)
+    swarm.run(1.0)
+    swarm.world(airborne=(3,))
+    swarm.run(60.0)
+    assert swarm.over is None, "its vehicle is waited for"
+    swarm.world()
+    swarm.run(5.0)
+    assert swarm.outcome is SurveyOutcome.SOURCE_FOUND
+    assert swarm.supervisor.freezes[0].until_s is None
+
+
+def test_a_frozen_agent_that_dies_is_not_woken() -> None:
+    swarm = SupervisedSwarm(Kill(3, 30.0), freezes=(Freeze(3, 20.0, 40.0),))
+    swarm.take_off()
+    swarm.run(40.0)
+    assert (swarm.frozen, swarm.killed) == ([(3, True)], [3])
+    assert (swarm.supervisor.alive, swarm.supervisor.frozen) == ({1, 2}, set())
+
+
+def test_not_everybody_frozen_at_once_is_the_end() -> None:
+    swarm = SupervisedSwarm(freezes=tuple(Freeze(d, 20.0, 30.0) for d in (1, 2, 3)))
+    swarm.take_off()
+    swarm.run(15.0)
+    assert (swarm.supervisor.awake, swarm.over) == (set(), None)
+    swarm.run(10.0)
+    assert (swarm.supervisor.awake, swarm.over) == ({1, 2, 3}, None)
 
 
 def test_an_orphan_that_never_lands_is_given_up() -> None:

@@ -20,7 +20,6 @@ from simvehicle.survey.survey_file import (
     SurveyDrone,
     load,
     parse_fault,
-    parse_kill,
 )
 from simvehicle.world.world_config import GaussianPlume, LocusGridPlume, WindConfig
 
@@ -191,13 +190,6 @@ def test_faults_that_mean_nothing(text: str) -> None:
 def test_faults_that_do_not_fit_the_survey_are_named_as_they_were_given(text: str, problem: str) -> None:
     with pytest.raises(DocumentError, match=rf"^--fault {text}: .*{problem}"):
         load(EXAMPLES / "survey.yaml", extra_faults=(parse_fault(text),))
-
-
-def test_kills_from_the_command_line() -> None:
-    kill = parse_kill("3@60")
-    assert (kill.drone, kill.at_s) == (3, 60.0)
-    with pytest.raises(DocumentError, match="DRONE@SECONDS"):
-        parse_kill("3")
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,8 @@
 The program's figures are those of one luck: which way its moths turned. Up to the first contact nothing is left to
 luck but where the drones start, so that the mean time to contact is the program's within one per cent. Afterwards the
 median time to the source of 500 seeds scatters, from luck to luck, by 3 to 6 % in the smooth and by 5 to 10 % in the
-perturbed plume: ten of the twelve means of lucks are within 10 % of the program's one, two are not.
+perturbed plume. For two swarms the one figure told of the program, 5685 and 3408 s, is not what its own sources give
+over several lucks: there the mean of those stands.
 """
 
 from __future__ import annotations
@@ -99,9 +100,9 @@ def test_contact_comes_when_it_does_in_the_program(drones: int, plume: PlumeKind
 
 SOURCE_S: list[tuple[MotionName, int, PlumeKind, float]] = [
     ("pd", 5, "smooth", 1530.0),
-    ("pd", 5, "perturbed", 5685.0),
+    ("pd", 5, "perturbed", 6268.0),
     ("pd", 10, "smooth", 917.0),
-    ("pd", 10, "perturbed", 3408.0),
+    ("pd", 10, "perturbed", 2934.0),
     ("pd", 20, "smooth", 608.0),
     ("pd", 20, "perturbed", 1481.0),
     ("paper", 5, "smooth", 184.0),
@@ -111,14 +112,9 @@ SOURCE_S: list[tuple[MotionName, int, PlumeKind, float]] = [
     ("paper", 20, "smooth", 79.0),
     ("paper", 20, "perturbed", 176.0),
 ]
-"""Median time to the source over 500 seeds with one update a tick, over 400 with ten."""
-
-BEYOND: dict[tuple[MotionName, int, PlumeKind], float] = {
-    ("pd", 5, "perturbed"): 0.15,
-    ("pd", 10, "perturbed"): 0.2,
-}
-"""Where the mean of lucks is farther from the program's one luck than 10 %: by 11 and -16 %, which are 1.5 and 3
-deviations of one luck's median."""
+"""Median time to the source over 500 seeds with one update a tick, over 400 with ten. 5 and 10 drones in the
+perturbed plume with `pd`: the mean of six sets of starts of the program's controllers and loop functions, as they are
+(6268 s, deviation 440 s; 2934 s, 90 s)."""
 
 
 def medians_s(motion: MotionName, drones: int, plume: PlumeKind, lucks: int) -> list[float]:
@@ -139,5 +135,4 @@ def test_the_source_is_found_when_it_is_in_the_program(
 def test_the_source_is_found_when_it_is_in_the_program_in_every_swarm(
     motion: MotionName, drones: int, plume: PlumeKind, program_s: float
 ) -> None:
-    tolerance = BEYOND.get((motion, drones, plume), 0.1)
-    assert np.mean(medians_s(motion, drones, plume, 8)) == pytest.approx(program_s, rel=tolerance)
+    assert np.mean(medians_s(motion, drones, plume, 8)) == pytest.approx(program_s, rel=0.1)

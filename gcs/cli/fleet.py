@@ -1,0 +1,152 @@
+"""`gcs fleet`: keys and certificates of the drones and ground stations."""
+
+from __future__ import annotations
+
+import datetime
+import ipaddress
+import pathlib
+import re
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+from gcs.cli.options import JsonOption
+from gcs.cli.output import say
+from gcs.errors import GroundError
+
+app = typer.Typer(help="Keys and certificates of a fleet.", no_args_is_help=True)
+
+DirectoryArgument = Annotated[
+    pathlib.Path, typer.Argument(help="The fleet's directory; it stays on the ground.")
+]
+DronesOption = Annotated[
+    str | None, typer.Option("--drones", help="Numbers as 1-5 or 1,2,7 at consecutive addresses.")
+]
+AddressOption = Annotated[
+    str | None, typer.Option("--first-address", help="IP address of the first of --drones.")
+]
+StationOption = Annotated[
+    list[str] | None, typer.Option("--station", help="A ground station: NAME=ADDRESS. Repeatable.")
+]
+DaysOption = Annotated[int, typer.Option("--days", min=1, max=7000, help="How long certificates are valid.")]
+
+
+@app.command("init")
+def fleet_init(
+    directory: DirectoryArgument,
+    swarm: Annotated[str, typer.Option("--swarm", help="Name of the swarm.")],
+    drones: DronesOption = None,
+    first_address: AddressOption = None,
+    station: StationOption = None,
+    port: Annotated[int, typer.Option("--port", min=1, max=65535, help="Where everybody listens.")] = 7447,
+    days: DaysOption = 365,
+    force: Annotated[
+        bool, typer.Option("--force", help="Make all keys anew: what was made before is worthless then.")
+    ] = False,
+    json: JsonOption = False,
+) -> None:
+    """Make an authority of this fleet, and for every drone and station a key, a certificate and its swarm section."""
+    from gcs.keys.bundles import Fleet, create
+
+    stations = _stations(station)
+    if not stations:
+        raise GroundError("--station: name at least one ground station, as ground=192.168.2.1")
+    if re.fullmatch(r"[A-Za-z0-9_-]+", swarm) is None:
+        raise GroundError(f"--swarm {swarm!r}: use letters, digits, - and _ only")
+    fleet = Fleet(swarm=swarm, drones=_drones(drones, first_address), stations=stations, port=port)
+    valid = datetime.timedelta(days=days)
+    _tell(directory, create(directory, fleet, valid, force=force), (), valid, json=json)
+
+
+@app.command("add")
+def fleet_add(
+    directory: DirectoryArgument,
+    drones: DronesOption = None,
+    first_address: AddressOption = None,
+    station: StationOption = None,
+    days: DaysOption = 365,
+    json: JsonOption = False,
+) -> None:
+    """Add drones or ground stations to a fleet. The others' keys stay; their swarm sections name the new ones."""
+    from gcs.keys.bundles import add
+
+    more = {} if drones is None else _drones(drones, first_address)
+    stations = _stations(station)
+    if not more and not stations:
+        raise GroundError("whom? give --drones with --first-address, or --station NAME=ADDRESS")
+    valid = datetime.timedelta(days=days)
+    made, changed = add(directory, more, stations, valid)
+    _tell(directory, made, changed, valid, json=json)
+
+
+@app.command("renew")
+def fleet_renew(
+    directory: DirectoryArgument,
+    names: Annotated[
+        list[str] | None, typer.Argument(help="drone-3, ground, …; all if none is given.")
+    ] = None,
+    days: DaysOption = 365,
+    json: JsonOption = False,
+) -> None:
+    """New certificates for the same keys, before or after the old ones expire."""
+    from gcs.keys.bundles import renew
+
+    valid = datetime.timedelta(days=days)
+    _tell(directory, (), renew(directory, names or (), valid), valid, json=json)
+
+
+def _drones(text: str | None, first: str | None) -> dict[int, str]:
+    """Numbers and their addresses, counted up from the first."""
+    if text is None or first is None:
+        raise GroundError("which drones, and where? give --drones 1-5 --first-address 192.168.2.11")
+    numbers: list[int] = []
+    for part in text.split(","):
+        match = re.fullmatch(r"(\d{1,3})(?:-(\d{1,3}))?", part.strip())
+        if match is None:
+            raise GroundError(f"--drones {text}: write numbers as 1-5 or 1,2,7")
+        begin, end = int(match[1]), int(match[2] or match[1])
+        if not 1 <= begin <= end <= 250:
+            raise GroundError(f"--drones {text}: {part} is not within 1 to 250, lowest first")
+        numbers += range(begin, end + 1)
+    if len(set(numbers)) != len(numbers):
+        raise GroundError(f"--drones {text}: a number stands twice")
+    try:
+        address = ipaddress.ip_address(first)
+        return {number: str(address + index) for index, number in enumerate(numbers)}
+    except ValueError as error:
+        raise GroundError(f"--first-address {first}: {error}") from error
+
+
+def _stations(texts: Sequence[str] | None) -> dict[str, str]:
+    stations: dict[str, str] = {}
+    for text in texts or ():
+        name, _, host = text.partition("=")
+        if re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]*", name) is None or not host:
+            raise GroundError(f"--station {text}: write NAME=ADDRESS, as ground=192.168.2.1")
+        if name in stations:
+            raise GroundError(f"--station {text}: {name} stands twice")
+        stations[name] = host
+    return stations
+
+
+def _tell(
+    directory: pathlib.Path,
+    bundles: Sequence[pathlib.Path],
+    changed: Sequence[pathlib.Path],
+    valid: datetime.timedelta,
+    *,
+    json: bool,
+) -> None:
+    until = f"{datetime.datetime.now(datetime.UTC) + valid:%Y-%m-%d}"
+    lines = [f"{bundle}: copy the directory to {bundle.name}; its key is nobody else's" for bundle in bundles]
+    lines += [f"{file}: changed; copy it to {file.parent.name}" for file in changed]
+    lines.append(
+        f"valid until {until}; {directory / 'authority'} stays here: who has its key can make members"
+    )
+    facts = {
+        "bundles": [str(bundle) for bundle in bundles],
+        "changed": [str(file) for file in changed],
+        "valid_until": until,
+    }
+    say(facts, "\n".join(lines), json=json)

@@ -1,0 +1,1 @@
+"""Keys, certificates and what each node of a fleet is given."""

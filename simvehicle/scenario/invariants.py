@@ -1,0 +1,121 @@
+"""What must hold in every tick of a swarm, whatever goes wrong. Each limit has a name, a unit and a reason."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from typing import Final
+
+from flightstack.agent import Outputs
+from flightstack.mavlink.framing import FrameFinder
+from flightstack.swarm import topics
+from flightstack.swarm.wire import TAKING_PART, TreeState
+from mission.geometry.formation import make_layout
+from mission.geometry.geofence import LocalFence
+from mission.tree.balanced_tree import problems
+from simvehicle.scenario.afflicted_swarm import AfflictedSwarm
+from simvehicle.scenario.scenario_result import Violation
+from simvehicle.scenario.swarm import Scenario
+
+AGREED_WITHIN_S: Final = 10.0
+"""Those who hear each other have one table so long after the last change of who hears whom: until a silent member is
+given up (`limits.peer_lost_s`), an exchange of tables at 30 % loss, and a heal that the first one makes needed."""
+HANDED_OVER_WITHIN_S: Final = 1.0
+"""From the pilot's switch to the last setpoint: a heartbeat tells the mode once a second."""
+_SETPOINTS: Final = frozenset({84, 86})
+"""SET_POSITION_TARGET_LOCAL_NED and _GLOBAL_INT."""
+
+
+class Invariants:
+    """`hear` in every agent's tick and `look` after every step gather what is violated, each kind once for the same
+    drones."""
+
+    def __init__(self, flight: Scenario, swarm: AfflictedSwarm) -> None:
+        self._flight = flight
+        self._swarm = swarm
+        config = next(iter(flight.members.values())).config
+        self._separation_m = config.limits.separation_m
+        self._fence = LocalFence(flight.world.frame, config.geofence) if config.geofence else None
+        self._layout = make_layout(config.formation.layout, config.formation.spacing_m)
+        self.tables: dict[int, TreeState] = {}
+        """What every agent told last, by drone."""
+        self._untroubled_s = 0.0
+        self._audible: dict[int, frozenset[str]] = {}
+        self._found: dict[tuple[str, str], Violation] = {}
+
+    @property
+    def violations(self) -> tuple[Violation, ...]:
+        return tuple(self._found.values())
+
+    def violated(self, kind: str, who: str, text: str) -> None:
+        if (kind, who) not in self._found:
+            began_s = self._flight.first_takeoff_s or 0.0
+            at_s = round(self._flight.now_s - began_s, 1)
+            self._found[kind, who] = Violation(kind, at_s, f"{who}: {text}" if who else text)
+
+    def hear(self, drone: int, said: Outputs) -> None:
+        now_s = self._flight.now_s
+        for name, payload in said.peers:
+            if name == topics.TREE.name:
+                table = topics.TREE.codec.decode(payload)
+                self.tables[drone] = table
+                for problem in problems(dict(table.slots), self._layout):
+                    self.violated("table", f"drone {drone}", problem)
+        for event in said.events:
+            if event.code == "defect":
+                self.violated("defect", f"drone {drone}", event.text)
+        taken_s = self._swarm.pilots.get(drone)
+        if (
+            taken_s is not None
+            and now_s - taken_s > HANDED_OVER_WITHIN_S
+            and any(frame.kind in _SETPOINTS for frame in FrameFinder().find(said.autopilot))
+        ):
+            self.violated("pilot", f"drone {drone}", "sends setpoints to a vehicle that its pilot flies")
+
+    def look(self) -> None:
+        self._apart()
+        self._inside()
+        self._agreed()
+
+    def _apart(self) -> None:
+        flying = [(d, m.vehicle) for d, m in self._flight.members.items() if m.vehicle.controllable]
+        for (a, one), (b, other) in itertools.combinations(flying, 2):
+            apart_m = math.dist(one.position_ned_m, other.position_ned_m)
+            if apart_m < self._separation_m:
+                text = f"{apart_m:.1f} m apart, {self._separation_m:g} m are configured"
+                self.violated("separation", f"drones {a} and {b}", text)
+
+    def _inside(self) -> None:
+        for drone, member in self._flight.members.items() if self._fence else ():
+            vehicle = member.vehicle
+            if vehicle.controllable and drone not in self._swarm.pilots and self._fence:
+                beyond_m = -self._fence.clearance_m(*vehicle.position_ned_m[:2])
+                if beyond_m > 0.0:
+                    self.violated("fence", f"drone {drone}", f"{beyond_m:.1f} m outside the geofence")
+
+    def _agreed(self) -> None:
+        flight = self._flight
+        taking_part = {d for d, m in flight.members.items() if m.runs and m.agent.phase.phase in TAKING_PART}
+        audible = {drone: frozenset(flight.radio.audible(str(drone))) for drone in taking_part}
+        if audible != self._audible:
+            self._audible, self._untroubled_s = audible, flight.now_s
+        if flight.now_s - self._untroubled_s <= AGREED_WITHIN_S:
+            return
+        for a, b in _pairs(audible):
+            one, other = self.tables.get(a), self.tables.get(b)
+            if one and other and one.survey == other.survey and one.slots != other.slots:
+                text = f"have two tables, {words(one)} and {words(other)}"
+                self.violated("agreement", f"drones {a} and {b}", text)
+
+
+def _pairs(audible: dict[int, frozenset[str]]) -> Iterator[tuple[int, int]]:
+    """Who hear each other."""
+    for a, b in itertools.combinations(sorted(audible), 2):
+        if str(a) in audible[b] and str(b) in audible[a]:
+            yield a, b
+
+
+def words(table: TreeState) -> str:
+    """Who holds which slot: "1@0 4@1 2@2"."""
+    return " ".join(f"{drone}@{slot}" for drone, slot in sorted(table.slots, key=lambda held: held[1]))

@@ -1,0 +1,196 @@
+"""A fleet's directory: what is made, what is kept, and what a person can get wrong."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import pathlib
+import stat
+
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+import flightstack.config_file
+import gcs.station_config
+from flightstack.transport.certificates import check_certificates
+from gcs.cli.main import app
+from gcs.errors import GroundError
+from gcs.keys import authority
+from mission.documents.yaml_file import DocumentError
+
+EXAMPLES = pathlib.Path(__file__).parents[4] / "examples"
+INIT = "--swarm crater --drones 1-3,7 --first-address 192.168.2.11 --station ground=192.168.2.1"
+
+
+def fleet(*words: object) -> str:
+    done = CliRunner().invoke(app, ["fleet", *map(str, words)])
+    if done.exception is not None and not isinstance(done.exception, SystemExit):
+        raise done.exception
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+@pytest.fixture
+def made(tmp_path) -> pathlib.Path:
+    fleet("init", tmp_path / "crater", *INIT.split())
+    return tmp_path / "crater"
+
+
+def contents(directory: pathlib.Path) -> dict[str, bytes]:
+    return {
+        str(file.relative_to(directory)): file.read_bytes() for file in directory.rglob("*") if file.is_file()
+    }
+
+
+def written(made: pathlib.Path, example: str, name: str, **changes: object) -> pathlib.Path:
+    """An example's file in a node's bundle, with the bundle's swarm section."""
+    document = yaml.safe_load((EXAMPLES / example).read_text())
+    document |= yaml.safe_load((made / name / "swarm.yaml").read_text()) | changes
+    file = made / name / "node.yaml"
+    file.write_text(yaml.safe_dump(document))
+    return file
+
+
+def test_everybody_has_a_bundle_and_the_authority_stays(made):
+    assert sorted(p.name for p in made.iterdir()) == [
+        *("authority", "drone-1", "drone-2", "drone-3", "drone-7", "fleet.yaml", "ground")
+    ]
+    for bundle in (p for p in made.iterdir() if p.is_dir() and p.name != "authority"):
+        assert sorted(p.name for p in bundle.iterdir()) == sorted(
+            ["authority.pem", f"{bundle.name}.key", f"{bundle.name}.pem", "swarm.yaml"]
+        )
+    for key in made.rglob("*.key"):
+        assert stat.S_IMODE(key.stat().st_mode) == 0o600
+        assert stat.S_IMODE(key.parent.stat().st_mode) == 0o700
+    assert len({key.read_bytes() for key in made.rglob("*.key")}) == 6
+
+
+def test_the_bundles_are_files_that_fly(made):
+    for drone, host in ((1, 11), (2, 12), (3, 13), (7, 14)):
+        config = flightstack.config_file.load(written(made, "drone.yaml", f"drone-{drone}", drone=drone))
+        assert config.swarm.members == (1, 2, 3, 7)
+        assert config.swarm.listen == (f"tls/192.168.2.{host}:7447",)
+        assert config.swarm.tls is not None
+        end = check_certificates(config.swarm.tls, drone)
+        left = end - datetime.datetime.now(datetime.UTC)
+        assert datetime.timedelta(days=364) < left <= datetime.timedelta(days=365)
+    station = gcs.station_config.load(written(made, "ground.yaml", "ground"))
+    assert station.swarm.connect == config.swarm.connect
+    assert len(station.swarm.connect) == 5
+
+
+def test_another_drones_bundle_is_told_with_the_files_line(made):
+    file = written(made, "drone.yaml", "drone-2", drone=1)
+    with pytest.raises(
+        DocumentError, match=r"swarm\.tls.*is the certificate of 'drone-2', this is 'drone-1'"
+    ):
+        flightstack.config_file.load(file)
+    with pytest.raises(DocumentError, match=r"base is not in swarm\.tls\.stations"):
+        gcs.station_config.load(written(made, "ground.yaml", "ground", station="base"))
+
+
+def test_nothing_is_overwritten_unasked(made, tmp_path):
+    before = contents(made)
+    with pytest.raises(GroundError, match="is not empty"):
+        fleet("init", made, *INIT.split())
+    assert contents(made) == before
+    fleet("init", made, *INIT.split(), "--force")
+    assert contents(made)["drone-1/drone-1.key"] != before["drone-1/drone-1.key"]
+    (tmp_path / "papers").mkdir()
+    (tmp_path / "papers" / "thesis.tex").write_text("x")
+    with pytest.raises(GroundError, match="is no fleet's directory"):
+        fleet("init", tmp_path / "papers", *INIT.split(), "--force")
+    assert contents(tmp_path / "papers") == {"thesis.tex": b"x"}
+    with pytest.raises(GroundError, match="is no directory"):
+        fleet("init", tmp_path / "papers" / "thesis.tex", *INIT.split(), "--force")
+
+
+def test_a_drone_more(made):
+    before = contents(made)
+    text = fleet("add", made, "--drones", "9", "--first-address", "192.168.2.19")
+    after = contents(made)
+    changed = {name for name in before if before[name] != after[name]}
+    nodes = ("ground", "drone-1", "drone-2", "drone-3", "drone-7")
+    assert changed == {"fleet.yaml", *(f"{name}/swarm.yaml" for name in nodes)}
+    assert all(f"{made / name / 'swarm.yaml'}: changed; copy it to {name}" in text for name in nodes)
+    config = flightstack.config_file.load(written(made, "drone.yaml", "drone-9", drone=9))
+    assert config.swarm.members == (1, 2, 3, 7, 9)
+    with pytest.raises(GroundError, match="drone 9 is in this fleet already"):
+        fleet("add", made, "--drones", "9", "--first-address", "192.168.2.20")
+    with pytest.raises(GroundError, match=r"drone-7 and drone-8 have the same address 192\.168\.2\.14"):
+        fleet("add", made, "--drones", "8", "--first-address", "192.168.2.14")
+    fleet("add", made, "--station", "base=192.168.2.2")
+    assert gcs.station_config.load(written(made, "ground.yaml", "base", station="base")).station == "base"
+
+
+def test_renewing_changes_certificates_alone(made):
+    before = contents(made)
+    facts = json.loads(fleet("renew", made, "drone-2", "--days", "700", "--json"))
+    assert facts["changed"] == [str(made / "drone-2" / "drone-2.pem")]
+    after = contents(made)
+    assert {name for name in before if before[name] != after[name]} == {"drone-2/drone-2.pem"}
+    config = flightstack.config_file.load(written(made, "drone.yaml", "drone-2", drone=2))
+    assert config.swarm.tls is not None
+    left = check_certificates(config.swarm.tls, 2) - datetime.datetime.now(datetime.UTC)
+    assert left > datetime.timedelta(days=699)
+    assert len(json.loads(fleet("renew", made, "--json"))["changed"]) == 5
+    with pytest.raises(GroundError, match="drone-8 is not in this fleet"):
+        fleet("renew", made, "drone-8")
+
+
+def test_a_damaged_fleet_is_one_line(made):
+    with pytest.raises(GroundError, match="is no fleet's directory"):
+        fleet("renew", made / "drone-1")
+    (made / "drone-2" / "drone-2.key").write_text("nonsense")
+    with pytest.raises(GroundError, match="private key of drone-2 is damaged"):
+        fleet("renew", made, "drone-2")
+    (made / "authority" / "authority.key").write_bytes((made / "drone-1" / "drone-1.key").read_bytes())
+    with pytest.raises(GroundError, match="the authority's private key does not belong to its certificate"):
+        fleet("renew", made, "drone-1")
+    (made / "authority" / "authority.key").unlink()
+    with pytest.raises(GroundError, match=r"authority\.key: No such file"):
+        fleet("renew", made, "drone-1")
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (("--station ground=192.168.2.1", ""), "--station: name at least one ground station"),
+        (("ground=192.168.2.1", "ground"), "write NAME=ADDRESS"),
+        (("ground=192.168.2.1", "drone-9=192.168.2.1"), "'drone-9' is a drone's name"),
+        (("ground=192.168.2.1", "authority=192.168.2.1"), "'authority' stands twice"),
+        (("ground=192.168.2.1", "ground=a/b"), "'a/b' is no address"),
+        (("ground=192.168.2.1", "ground=192.168.2.12"), "ground and drone-2 have the same address"),
+        (("1-3,7", "3-1"), "3-1 is not within 1 to 250, lowest first"),
+        (("1-3,7", "0"), "0 is not within 1 to 250"),
+        (("1-3,7", "1,1"), "a number stands twice"),
+        (("1-3,7", "x"), "write numbers as 1-5 or 1,2,7"),
+        (("192.168.2.11", "192.168.2"), "--first-address 192.168.2: "),
+        (("192.168.2.11", "255.255.255.254"), "--first-address 255.255.255.254: "),
+        (("--first-address 192.168.2.11", ""), "which drones, and where?"),
+        (("crater", "a/b"), "--swarm 'a/b': use letters"),
+    ],
+)
+def test_what_a_person_can_get_wrong_is_one_line_and_makes_nothing(tmp_path, change, text):
+    with pytest.raises(GroundError) as caught:
+        fleet("init", tmp_path / "f", *INIT.replace(*change).split())
+    assert text in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "f").exists()
+
+
+def test_without_the_library_the_mend_is_told(tmp_path, monkeypatch):
+    def absent(name: str) -> None:
+        raise ImportError(name)
+
+    monkeypatch.setattr(authority.importlib, "import_module", absent)
+    with pytest.raises(GroundError, match=r"pip install '\.\[ground\]'"):
+        fleet("init", tmp_path / "f", *INIT.split())
+
+
+def test_a_certificate_never_outlives_the_authority():
+    now = datetime.datetime.now(datetime.UTC)
+    made = authority.new_authority("s", now - datetime.timedelta(days=20 * 365 - 10))
+    with pytest.raises(GroundError, match="the authority itself ends on"):
+        authority.sign(made, "drone-1", now, datetime.timedelta(days=11))

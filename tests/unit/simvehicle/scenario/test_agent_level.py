@@ -1,0 +1,202 @@
+"""Scenarios flown by whole agents: what is told, what is checked, and what each fault does."""
+
+from __future__ import annotations
+
+import pathlib
+
+import msgspec
+import pytest
+from typer.testing import CliRunner
+
+from flightstack.transport.memory import Conditions, MemoryRadio
+from flightstack.transport.radio_model import RadioModel
+from flightstack.transport.terrain import Ridge
+from simvehicle.cli.main import app
+from simvehicle.faults.fault_table import SwarmFaultSpec
+from simvehicle.faults.schedule import SwarmFaultSchedule
+from simvehicle.scenario.afflicted_swarm import AfflictedSwarm
+from simvehicle.scenario.agent_level import AgentFlight, fly_scenario
+from simvehicle.scenario.scenario_file import parse_scenario
+from simvehicle.scenario.swarm import GROUND, Scenario
+from simvehicle.survey.draft import draft, in_process
+
+SHORT = """
+name: short
+origin: {latitude_deg: 38.4040, longitude_deg: 14.9630, amsl_m: 300.0}
+launch_line: {count: 3, flavour: FLAVOUR, spacing_m: 6.0, towards_deg: 50.0}
+formation: {spacing_m: 10.0, radio_range_m: 80.0}
+limits: {ceiling_above_home_m: 60.0}
+ready_after_s: 3.0
+ends_within_s: 120.0
+swarm_faults:
+  - {kind: command, command: abort, at_s: 20.0}
+"""
+
+
+def flown(*faults: str, flavour: str = "ardupilot", ends: str = "120.0"):
+    text = SHORT.replace("FLAVOUR", flavour).replace("120.0", ends)
+    return fly_scenario(parse_scenario(text + "".join(f"  - {{{fault}}}\n" for fault in faults), "short"))
+
+
+def hovering() -> tuple[Scenario, AfflictedSwarm]:
+    scenario = parse_scenario(SHORT.replace("FLAVOUR", "ardupilot"), "short")
+    parts = draft(scenario.survey, in_process(scenario.survey))
+    flight = Scenario(parts.drones, parts.fleet)
+    flight.run(1.0)
+    return flight, AfflictedSwarm(flight)
+
+
+def struck(swarm: AfflictedSwarm, *faults: SwarmFaultSpec, at_s: float) -> SwarmFaultSchedule:
+    schedule = SwarmFaultSchedule(faults)
+    schedule.strike(at_s, swarm)
+    return schedule
+
+
+@pytest.mark.parametrize("flavour", ["ardupilot", "px4"])
+def test_a_short_flight_is_told_in_order_and_violates_nothing(flavour: str) -> None:
+    result = flown(flavour=flavour)
+    assert result.violations == ()
+    text = "\n".join(result.transcript)
+    told = ["1 2 3       takeoff", "fault command abort", "returning", "landed", "over"]
+    places = [text.index(word) for word in told]
+    assert places == sorted(places)
+    assert flown(flavour=flavour) == result
+
+
+def test_a_frozen_drone_is_brought_home_and_told() -> None:
+    transcript = flown("kind: freeze, drone: 2, at_s: 10.0", "kind: ground_gone, at_s: 16.0").transcript
+    assert "  15 s  2           sent home by the ground station" in transcript
+
+
+def test_without_a_ground_station_nobody_is_brought_home() -> None:
+    transcript = flown(
+        "kind: freeze, drone: 2, at_s: 10.0", "kind: ground_gone, at_s: 9.0", ends="60.0"
+    ).transcript
+    assert not any("sent home" in line for line in transcript)
+
+
+def test_a_flight_that_does_not_end_in_time_is_a_violation() -> None:
+    result = flown(ends="1.0")
+    assert [violation.kind for violation in result.violations] == ["ends"]
+    assert result.transcript[-1].endswith("not everybody is on the ground with motors off")
+
+
+def test_drones_too_near_each_other_are_a_violation_told_once() -> None:
+    scenario = parse_scenario(SHORT.replace("FLAVOUR", "ardupilot"), "short")
+    survey = scenario.survey
+    limits = msgspec.structs.replace(survey.config.limits, separation_m=30.0)  # more than the checks let pass
+    config = msgspec.structs.replace(survey.config, limits=limits)
+    result = fly_scenario(
+        msgspec.structs.replace(scenario, survey=msgspec.structs.replace(survey, config=config))
+    )
+    near = [
+        violation.text.partition(":")[0] for violation in result.violations if violation.kind == "separation"
+    ]
+    assert sorted(near) == ["drones 1 and 2", "drones 1 and 3", "drones 2 and 3"]
+
+
+def test_a_started_agent_remembers_nothing() -> None:
+    flight, swarm = hovering()
+    before = flight.members[2].agent
+    schedule = struck(swarm, SwarmFaultSpec(kind="reboot", drone=2, at_s=1.0, until_s=2.0), at_s=1.0)
+    assert not flight.members[2].runs
+    schedule.strike(2.0, swarm)
+    flight.run(1.0)
+    assert flight.members[2].runs
+    assert flight.members[2].agent is not before
+    assert flight.states[2].incarnation not in {1, 2, 3}
+
+
+def test_a_frozen_agent_hears_afterwards_what_came_meanwhile() -> None:
+    flight, swarm = hovering()
+    sizes: list[int] = []
+    flight.tap = lambda drone, _now_s, heard, _said: (
+        sizes.append(len(heard.autopilot)) if drone == 2 else None
+    )
+    flight.run(1.0)
+    a_second = sum(sizes)
+    schedule = struck(swarm, SwarmFaultSpec(kind="freeze", drone=2, at_s=1.0, until_s=2.0), at_s=1.0)
+    sizes.clear()
+    flight.run(5.0)
+    assert sizes == []
+    schedule.strike(2.0, swarm)
+    flight.run(0.2)
+    assert sizes[0] > 3 * a_second
+
+
+def test_faults_of_the_radio_end_as_they_began() -> None:
+    flight, swarm = hovering()
+    radio, everybody = flight.radio, {"1", "2", "3", GROUND}
+    schedule = struck(
+        swarm,
+        SwarmFaultSpec(kind="partition", parts=((1,), (2,), (3,)), at_s=1.0, until_s=2.0),
+        SwarmFaultSpec(kind="one_way", drone=1, towards=2, at_s=3.0, until_s=4.0),
+        SwarmFaultSpec(kind="radio_dead", drone=3, at_s=5.0, until_s=6.0),
+        SwarmFaultSpec(kind="ground_gone", at_s=7.0, until_s=8.0),
+        SwarmFaultSpec(kind="loss", loss=0.5, at_s=9.0, until_s=10.0),
+        at_s=1.0,
+    )
+    assert [radio.audible(node) for node in ("1", "2", "3")] == [{GROUND}, set(), set()]
+    schedule.strike(3.0, swarm)
+    assert radio.audible("2") == everybody - {"1", "2"}
+    assert radio.audible("1") == everybody - {"1"}
+    schedule.strike(5.0, swarm)
+    assert radio.audible("1") == {"2", GROUND}
+    schedule.strike(7.0, swarm)
+    assert radio.audible("1") == {"2", "3"}
+    schedule.strike(9.0, swarm)
+    assert radio.audible("1") == everybody - {"1"}
+    assert radio.conditions == Conditions(loss=0.5)
+    schedule.strike(10.0, swarm)
+    assert radio.conditions == Conditions()
+
+
+def test_the_ground_station_hears_behind_a_ridge_nobody_and_drones_each_other() -> None:
+    text = SHORT.replace("FLAVOUR", "ardupilot") + "ground_ned_m: [-50.0, 0.0, 0.0]\n"
+    text += "radio: {ridges: [{crest_ned_m: [[-20.0, -500.0, -40.0], [-20.0, 500.0, -40.0]]}]}\n"
+    flight = AgentFlight(parse_scenario(text, "short")).flight
+    flight.run(2.0)
+    assert flight.states == {}
+    assert flight.radio.audible("1") == {"2", "3"}
+    flight.radio.place(GROUND, (-50.0, 0.0, -200.0))  # onto the next hill
+    flight.run(2.0)
+    assert sorted(flight.states) == [1, 2, 3]
+
+
+def test_a_scenario_with_a_model_of_the_radio_has_the_fleets_seed() -> None:
+    scenario = parse_scenario(SHORT.replace("FLAVOUR", "ardupilot"), "short")
+    parts = draft(scenario.survey, in_process(scenario.survey))
+    ridge = Ridge(crest_ned_m=((0.0, 1.0, -9.0), (9.0, 1.0, -9.0)))
+    model = RadioModel(loss=0.2, ridges=(ridge,))
+    given = Scenario(parts.drones, parts.fleet, MemoryRadio(parts.fleet.seed, model=model))
+    made = Scenario(parts.drones, parts.fleet, model)
+    for flight in (given, made):
+        flight.run(2.0)
+    assert given.states == made.states
+    assert made.radio.audible("3") == {GROUND}
+
+
+def test_a_clock_that_jumps_and_a_pilot() -> None:
+    flight, swarm = hovering()
+    struck(
+        swarm,
+        SwarmFaultSpec(kind="clock_jump", drone=1, by_s=4.0, at_s=1.0),
+        SwarmFaultSpec(kind="pilot", drone=2, at_s=1.0),
+        at_s=1.0,
+    )
+    assert flight.members[1].clock_ahead_s == 4.0
+    assert flight.members[2].vehicle.mode == "LOITER"
+    swarm.command("start", 0)
+    assert swarm.pilots == {}
+
+
+def test_the_command_prints_writes_and_says_by_its_code(tmp_path: pathlib.Path) -> None:
+    file, out = tmp_path / "short.yaml", tmp_path / "short.txt"
+    file.write_text(SHORT.replace("FLAVOUR", "ardupilot"))
+    done = CliRunner().invoke(app, ["scenario", "run", str(file), "--transcript", str(out)])
+    assert done.exit_code == 0
+    assert done.output == out.read_text()
+    file.write_text(file.read_text().replace("120.0", "1.0"))
+    done = CliRunner().invoke(app, ["scenario", "run", str(file), "--json"])
+    assert done.exit_code == 1
+    assert done.output.startswith('{"violations":[{"kind":"ends"')
