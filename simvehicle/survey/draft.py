@@ -16,6 +16,7 @@ from flightstack.config import (
     SharedClockConfig,
     SwarmConfig,
 )
+from flightstack.flight.layers import layers_of
 from gcs.station_config import AlarmLimits, GroundConfig, MavlinkConfig
 from simvehicle.drone.drone_spec import EmulatedInstrument, VehicleSpec
 from simvehicle.fleet.fleet_config import FleetConfig
@@ -169,7 +170,7 @@ def _drones(survey: Survey, addresses: Addresses, clock: str | None) -> Iterator
             autopilot=AutopilotConfig(
                 link=f"udpin:{own.companion}",
                 flavour=drone.flavour,
-                parameters=_failsafe_parameters(survey, drone, index),
+                parameters=_failsafe_parameters(survey, drone),
             ),
             instruments=tuple(
                 InstrumentConfig(name=i.name, type=i.type, port=f"socket://{port}", options=i.options)
@@ -213,15 +214,16 @@ def _ground(survey: Survey, addresses: Addresses, clock: str | None) -> GroundCo
     return ground if directory is None else msgspec.structs.replace(ground, record_to=str(directory))
 
 
-def _failsafe_parameters(survey: Survey, drone: SurveyDrone, index: int) -> dict[str, float]:
+def _failsafe_parameters(survey: Survey, drone: SurveyDrone) -> dict[str, float]:
     """What the agent sets on its autopilot for the time when there is no agent any more.
 
-    Each drone returns at an altitude of its own, that of its layer (see `flightstack.agent`), and an ArduPilot
-    follows the last velocity for 1 s instead of 3.
+    Each drone returns at an altitude of its own (`flightstack.flight.layers`), also from nearby, and does not wait
+    over home; an ArduPilot follows the last velocity for 1 s instead of 3, a PX4 comes home when its agent dies.
     """
-    formation = survey.config.formation
-    above_home_m = formation.above_home_m + formation.layer_gap_m * (index % formation.layers + 1)
+    config, members = survey.config, [one.id for one in survey.drones]
+    above_home_m = layers_of(drone.id, members, config.formation, config.limits).autopilot_above_home_m
     if drone.flavour == "ardupilot":
-        return {"RTL_ALT": round(above_home_m * 100.0), "GUID_TIMEOUT": 1.0}  # centimetres, seconds
-    # When its agent dies it comes home, at this altitude also from nearby.
-    return {"RTL_RETURN_ALT": above_home_m, "COM_OBL_RC_ACT": 3.0, "RTL_CONE_ANG": 0.0}
+        centimetres = round(above_home_m * 100.0)
+        return {"RTL_ALT": centimetres, "RTL_CONE_SLOPE": 0.0, "RTL_LOIT_TIME": 0.0, "GUID_TIMEOUT": 1.0}
+    altitudes = {"RTL_RETURN_ALT": above_home_m, "RTL_DESCEND_ALT": above_home_m}
+    return altitudes | {"RTL_CONE_ANG": 0.0, "COM_OBL_RC_ACT": 3.0}
