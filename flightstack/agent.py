@@ -393,6 +393,7 @@ class Agent:
             vehicle.velocity_ned_mps,
             vehicle.position_age_s,
             swarm.neighbours,
+            vehicle.home_ned_m,
         )
         if isinstance(guarded.setpoint, PositionTarget):
             self._session.target_position(guarded.setpoint.position_ned_m, None)
