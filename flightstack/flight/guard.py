@@ -17,7 +17,7 @@ import msgspec
 
 from flightstack.config import LimitsConfig
 from flightstack.flight.columns import columns
-from flightstack.flight.guidance import whereabouts
+from flightstack.flight.guidance import CORRIDOR_M, horizontal_m, whereabouts
 from flightstack.swarm.peers import FRESH_S
 from mission.geometry.frames import Vector3
 from mission.geometry.geofence import LocalFence
@@ -164,6 +164,8 @@ class Guard:
         limits = self._limits
         near: list[tuple[Vector3, float, float, int]] = []
         least_m = limits.separation_m + SEPARATION_MARGIN_M
+        # There the others keep out of the way, and who is blocked there comes down where they do not.
+        over_home = home is not None and horizontal_m(position, home) < 2.0 * CORRIDOR_M
         reach_m = least_m + AGEING_LIMIT_M + 4.0 * limits.speed_mps
         for drone, place, room_m in columns(neighbours, position, home, least_m):
             distance_m, towards = _direction(position, place, (1.0, 0.0, 0.0))
@@ -175,7 +177,7 @@ class Guard:
             distance_m, towards = _direction(position, whereabouts(other, position), (0.0, 0.0, 1.0))
             if distance_m > reach_m:
                 continue
-            room_m = least_m + min(AGEING_MPS * other.age_s, AGEING_LIMIT_M)
+            room_m = least_m + (0.0 if over_home else min(AGEING_MPS * other.age_s, AGEING_LIMIT_M))
             approaching_mps = (
                 min(0.0, _dot(other.velocity_ned_mps, towards)) if other.age_s < FRESH_S else 0.0
             )

@@ -28,6 +28,15 @@ OTHERS_DOWN_S = 120.0
 """Who falls silent and goes home is down after so long. Those that are not may cross anywhere but over a home."""
 
 
+AT_HOME_M = 1.0
+"""Nearer than this to home is still home for the others, who keep the column over it free."""
+
+_AT_HOME_M = [(0.0, 0.0)] + [
+    (AT_HOME_M * math.cos(eighth * math.tau / 8.0), AT_HOME_M * math.sin(eighth * math.tau / 8.0))
+    for eighth in range(8)
+]
+
+
 class Homecoming:
     """One drone's way home: over the others in its own layer, down to home or to a free place beside it."""
 
@@ -52,7 +61,7 @@ class Homecoming:
     ) -> None:
         self._choose_landing(now_s, vehicle.home_ned_m, neighbours, returning=returning)
         unheard = any(n.airborne and n.adrift and FRESH_S < n.age_s < OTHERS_DOWN_S for n in neighbours)
-        beside = self._landing_ned_m != vehicle.home_ned_m
+        beside = not _is_home(self._landing_ned_m, vehicle.home_ned_m)
         self._waits_over_ned_m = vehicle.home_ned_m if returning and beside and unheard else None
         position, home = vehicle.position_ned_m, self._landing_ned_m
         self.over_home = (
@@ -92,9 +101,18 @@ class Homecoming:
             self._landing_ned_m = home
             return
         limits, fence = self._limits, self._fence
-        room_m = limits.separation_m + SEPARATION_MARGIN_M + AGEING_LIMIT_M + CORRIDOR_M
+        least_m = limits.separation_m + SEPARATION_MARGIN_M
+        room_m = least_m + AGEING_LIMIT_M + CORRIDOR_M
         chosen = self._landing_ned_m or home
-        if now_s < self._choose_after_s or column_free(chosen, neighbours, room_m):
+        heard = [n for n in neighbours if n.age_s <= FRESH_S]
+        unheard = [n for n in neighbours if n.age_s > FRESH_S]
+
+        def free(place: Vector3) -> bool:
+            """Home is what those keep free who are not heard: there they are in the way only where they hover."""
+            room_unheard_m = least_m if _is_home(place, home) else room_m
+            return column_free(place, heard, room_m) and column_free(place, unheard, room_unheard_m)
+
+        if now_s < self._choose_after_s or free(chosen):
             self._landing_ned_m = chosen
             return
 
@@ -108,4 +126,12 @@ class Homecoming:
             return all(in_own_cell(point, home, other, limits.separation_m) for other in others)
 
         self._choose_after_s = now_s + CHOOSE_EVERY_S
-        self._landing_ned_m = landing_point(home, neighbours, room_m, allowed)
+        close = ((home[0] + north_m, home[1] + east_m, home[2]) for north_m, east_m in _AT_HOME_M)
+        at_home = next((place for place in close if free(place)), None)
+        self._landing_ned_m = at_home or landing_point(home, neighbours, room_m, allowed)
+
+
+def _is_home(place: Vector3 | None, home: Vector3 | None) -> bool:
+    if place is None or home is None:
+        return True  # nothing was chosen
+    return horizontal_m(place, home) < AT_HOME_M + 0.1

@@ -118,3 +118,19 @@ def test_a_place_beside_home_is_on_the_own_side_of_the_others_homes() -> None:
     place = landing_of(homecoming)
     assert place != HOME
     assert place[0] <= 1.0, "half of the separation from the middle between the homes"
+
+
+def test_who_is_not_heard_blocks_home_only_where_it_would_be_hit() -> None:
+    """Alive, it keeps out of the column over home, and out of no other place; its agent dead, it hovers on."""
+    homecoming = Homecoming(LimitsConfig(), None, LAYER_DOWN_M)
+    silent = Neighbour(3, (4.2, 0.0, -10.0), (0.0, 0.0, 0.0), 50.0, True, adrift=True)
+    here = (-1.0, 0.0, LAYER_DOWN_M)
+    homecoming.step(0.0, at(here), (silent,), returning=True)
+    intent = homecoming.intent(here)
+    assert isinstance(intent, GoTo)
+    assert intent.position_ned_m[2] == -LANDING_HEIGHT_M, "down at once"
+    assert horizontal_m(intent.position_ned_m, HOME) <= 1.0 + 1e-6
+    assert horizontal_m(intent.position_ned_m, silent.position_ned_m) >= 5.0
+    in_the_way = msgspec.structs.replace(silent, position_ned_m=(2.0, 0.0, -10.0), age_s=OTHERS_DOWN_S + 1.0)
+    homecoming.step(9.0, at(here), (in_the_way,), returning=True)
+    assert horizontal_m(landing_of(homecoming), in_the_way.position_ned_m) >= 7.5
