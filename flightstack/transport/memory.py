@@ -146,7 +146,10 @@ class MemoryTransport:
             self._reliable.append(item)
             return
         source = (message.topic.name, message.sender)
-        self._newest.setdefault(source, collections.deque(maxlen=KEPT_PER_SENDER)).append(item)
+        kept = self._newest.get(source)
+        if kept is None:
+            kept = self._newest[source] = collections.deque(maxlen=KEPT_PER_SENDER)
+        kept.append(item)
 
     def wants(self, topic: Topic) -> bool:
         return topic.name in self._receives
@@ -177,7 +180,7 @@ class MemoryRadio:
         `conditions` and `range_m`, where given, stand in place of the model's.
         """
         model = model or RadioModel()
-        self.conditions = conditions or _conditions_of(model)
+        self.conditions = conditions or conditions_of(model)
         self.range_m = model.range_m if range_m is None else range_m
         self.now_s = 0.0
         self._seed = seed
@@ -343,7 +346,8 @@ class MemoryRadio:
         return self._queues[sender]
 
 
-def _conditions_of(model: RadioModel) -> Conditions:
+def conditions_of(model: RadioModel) -> Conditions:
+    """What `model` says of every link, wherever its ends are."""
     return Conditions(
         loss=model.loss,
         delay_s=model.delay_s,

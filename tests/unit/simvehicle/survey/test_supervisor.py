@@ -8,11 +8,13 @@ import msgspec
 import pytest
 
 from flightstack.swarm import topics, wire
-from flightstack.swarm.wire import CommandName, DroneState, Phase, Result, TreeState
+from flightstack.swarm.wire import CommandName, DroneState, Phase, Result, TableState
 from mission.estimation.estimates import Scalar
 from mission.strategies.contract import Order, Stage
+from mission.tree.slot_registers import configured
 from simvehicle.fleet.truth import TruthRow
 from simvehicle.survey.agent_faults import Freeze, Kill
+from simvehicle.survey.late_starts import START_TRIES
 from simvehicle.survey.processes import Ended
 from simvehicle.survey.supervisor import (
     Action,
@@ -71,8 +73,9 @@ class SupervisedSwarm:
         order = Order(
             sequence, stage, (0.0, 0.0, -10.0), 0.0, (1.0, 2.0, -10.0) if stage is Stage.FOUND else None
         )
-        tree = TreeState(1, 1, 7, 0, 1, ((1, 0), (2, 1), (3, 2)), (), order, (), 0)
-        self.watch.hear(self.now_s, topics.TREE, topics.TREE.codec.encode(tree))
+        claims = tuple(configured((1, 2, 3)).items())
+        table = TableState(1, 1, 1, 7, "survey", claims, (), (), order, claims[0][1])
+        self.watch.hear(self.now_s, topics.TABLE, topics.TABLE.codec.encode(table))
 
     def world(self, airborne: Iterable[int] = (), drones: Iterable[int] = (1, 2, 3)) -> None:
         flying = set(airborne)
@@ -254,6 +257,25 @@ def test_a_frozen_agent_goes_on_when_its_time_comes() -> None:
     assert freeze.until_s == pytest.approx(40.0, abs=1.0)
 
 
+def test_what_an_agent_slept_through_is_no_missed_deadline() -> None:
+    swarm = SupervisedSwarm(freezes=(Freeze(3, 20.0, 40.0),))
+    swarm.take_off()
+    swarm.run(35.0)
+
+    def say(drone: int, ticks: int, late_ticks: int) -> None:
+        said = msgspec.structs.replace(state(drone, Phase.SEARCHING), ticks=ticks, late_ticks=late_ticks)
+        swarm.watch.hear(swarm.now_s, topics.STATE, topics.STATE.codec.encode(said))
+
+    say(2, 400, 3)
+    say(3, 400, 190)
+    log = swarm.watch.log()
+    assert (log.ticks, log.late_ticks) == (610, 3), "less late than it slept: none of them was missed"
+    say(3, 420, 210)
+    log = swarm.watch.log()
+    assert log.ticks - 620 == log.late_ticks - 13, "what it did not sleep through counts as ever"
+    assert 3 <= log.late_ticks <= 23
+
+
 def test_a_survey_ends_without_a_word_of_who_is_frozen() -> None:
     swarm = SupervisedSwarm(freezes=(Freeze(3, 20.0),))
     swarm.take_off()
@@ -381,3 +403,44 @@ def test_the_best_reading_is_what_an_instrument_said_in_the_air() -> None:
         )
         watch.hear(1.0, topics.STATE, topics.STATE.codec.encode(said))
     assert watch.best_co2_ppm == 700.0
+
+
+def test_who_wakes_on_the_ground_is_started_again_and_who_flies_is_not() -> None:
+    swarm = SupervisedSwarm(freezes=(Freeze(2, 20.0, 30.0), Freeze(3, 20.0, 30.0)))
+    swarm.take_off()
+    swarm.run(15.0)
+    before = len(swarm.given)
+    swarm.run(10.0)
+    assert len(swarm.given) == before, "nothing was heard of them since they were woken"
+    swarm.say(Phase.RTL, drones=(2,), airborne=True)
+    swarm.say(Phase.LANDED, drones=(3,))
+    swarm.run(5.0)
+    assert {(c.name, c.target) for c in swarm.given[before:]} == {(CommandName.START, 3)}
+    swarm.say(Phase.LANDED, drones=(2,))
+    swarm.run(5.0)
+    assert {c.target for c in swarm.given[before:]} == {2, 3}
+    assert len({c.identity for c in swarm.given[before:]}) == 2, "one start each, however long it flies"
+
+
+def test_a_refused_late_start_is_given_again_but_not_for_ever() -> None:
+    swarm = SupervisedSwarm(freezes=(Freeze(3, 20.0, 30.0),))
+    swarm.take_off()
+    swarm.run(25.0)
+    swarm.refusing = "not ready"
+    swarm.say(Phase.LANDED, drones=(3,))
+    before = len(swarm.given)
+    swarm.run(60.0)
+    assert len({c.identity for c in swarm.given[before:]}) == START_TRIES
+    assert swarm.over is None
+
+
+def test_nobody_is_started_again_once_the_survey_is_over() -> None:
+    swarm = SupervisedSwarm(freezes=(Freeze(3, 20.0, 30.0),))
+    swarm.take_off()
+    swarm.run(15.0)
+    swarm.order(Stage.FOUND)
+    swarm.run(10.0)
+    before = len(swarm.given)
+    swarm.say(Phase.LANDED, drones=(3,))
+    swarm.run(5.0)
+    assert len(swarm.given) == before
