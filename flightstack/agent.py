@@ -333,6 +333,8 @@ class Agent:
             must_return=self._leaving.step(now_s, leaving) or end.leaves,
             overdue=end.lands,
             parted=swarm.part is Part.SMALLER,
+            handed_over=swarm.handed_over,
+            in_haste=self._leaving.in_haste(vehicle.battery_fraction),
             flies_on=swarm.flies_on,
             has_twin=swarm.has_twin,
         )
