@@ -24,7 +24,7 @@ from flightstack.flight.transitions import (
     following,
 )
 from flightstack.swarm.news import Note
-from flightstack.swarm.wire import Command, CommandName, CommandOutcome, Phase, Result, Severity
+from flightstack.swarm.wire import TAKING_PART, Command, CommandName, CommandOutcome, Phase, Result, Severity
 
 DOWN_S = 3.0
 """How long a vehicle in formation may seem disarmed before it counts as down: heartbeats come once a second."""
@@ -159,7 +159,8 @@ class FlightPhase:
                 "command",
                 f"{command.name} from {command.sender}: {outcome.result}" + (f": {reason}" if reason else ""),
             )
-            if command.name is CommandName.START and self.phase is not before:
+            begins = command.name is CommandName.START or before is Phase.DISARMED
+            if begins and self.phase in TAKING_PART and self.phase is not before:
                 self._started = command.identity
         self._outcomes.append(outcome)
 
@@ -185,6 +186,8 @@ class FlightPhase:
                     return ""
                 if to is None or not vehicle.airborne:
                     return f"nothing to resume: the drone is {self.phase}"
+                if self.phase is Phase.DISARMED:
+                    return self._why_not_join(swarm)
             case CommandName.ABORT | CommandName.RTL | CommandName.LAND:
                 if self.phase is not Phase.ARMING and not vehicle.airborne and not vehicle.armed:
                     return "the autopilot does not answer: check its link and power"
@@ -198,12 +201,23 @@ class FlightPhase:
         if to is None:
             return f"already {self.phase}"
         if vehicle.armed:
-            return f"the vehicle is armed in {vehicle.mode}: disarm it first"
+            resume = ", or resume it" if self.phase is Phase.DISARMED and vehicle.airborne else ""
+            return f"the vehicle is armed in {vehicle.mode}: disarm it first{resume}"
         if vehicle.crash:
             return f"it has crashed ({vehicle.crash}): look at it, then restart its autopilot"
         if swarm.has_twin:
-            return f"another agent says that it is drone {self._drone} too: stop one of them"
+            return self._twin_words()
         return swarm.must_return
+
+    def _why_not_join(self, swarm: SwarmFacts) -> str:
+        """Why an agent that was restarted in the air does not join what the others fly."""
+        if swarm.has_twin:
+            return self._twin_words()
+        nobody = "" if swarm.flies_on else "no survey that it could join is heard: use abort, rtl or land"
+        return nobody or swarm.must_return
+
+    def _twin_words(self) -> str:
+        return f"another agent says that it is drone {self._drone} too: stop one of them"
 
     def _obey(self, now_s: float, command: Command, vehicle: VehicleFacts) -> None:
         name = command.name

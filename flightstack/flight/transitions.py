@@ -79,7 +79,8 @@ class IllegalTransitionError(RuntimeError):
 
 TRANSITIONS: dict[tuple[Phase, FlightEvent], Phase] = {
     (Phase.DISARMED, FlightEvent.START): Phase.ARMING,
-    # An agent that was restarted in the air obeys what brings its drone down, and one that a pilot flies again too.
+    # An agent that was restarted in the air has been given nothing: it takes its vehicle when it is told to.
+    (Phase.DISARMED, FlightEvent.RESUME): Phase.FORMING,
     (Phase.DISARMED, FlightEvent.ABORT): Phase.RETURNING,
     (Phase.DISARMED, FlightEvent.RTL): Phase.RTL,
     (Phase.DISARMED, FlightEvent.LAND): Phase.LANDING,

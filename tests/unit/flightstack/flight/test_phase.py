@@ -274,6 +274,22 @@ def test_an_agent_restarted_in_the_air_obeys_what_brings_its_drone_down(
     assert flight.step(UP, ALONE, flight.command(name)).phase is phase
 
 
+def test_an_agent_restarted_in_the_air_joins_what_the_others_fly_when_it_is_told_to() -> None:
+    flight = Flight()
+    heard = msgspec.structs.replace(ALONE, flies_on=True)
+    assert flight.step(UP, heard).phase is Phase.DISARMED, "nobody has given it the vehicle"
+    alone = flight.step(UP, ALONE, flight.command(CommandName.RESUME))
+    assert "no survey that it could join" in alone.outcomes[0].reason
+    low = flight.step(
+        UP, msgspec.structs.replace(heard, must_return="battery"), flight.command(CommandName.RESUME)
+    )
+    assert low.outcomes[0].reason == "battery"
+    resume = flight.command(CommandName.RESUME)
+    step = flight.step(UP, heard, resume)
+    assert (step.phase, step.started) == (Phase.FORMING, resume.identity)
+    assert flight.step(UP, heard, flight.command(CommandName.PAUSE)).started is None
+
+
 def test_a_drone_whose_way_home_is_blocked_lands_where_it_is() -> None:
     flight = Flight().to(Phase.RETURNING)
     step = flight.step(UP, msgspec.structs.replace(ALONE, stuck=True))

@@ -33,7 +33,7 @@ EXPECTED = """
                  dis arm tko frm sea trk hld lvg ret lnd rtl plt dwn crs
 start            arm arm tko frm sea trk  -   -   -   -   -   -  arm arm
 pause             -   -   -  hld hld hld hld  -   -   -   -   -   -   -
-resume            -  arm tko frm sea trk frm  -   -   -   -  frm  -   -
+resume           frm arm tko frm sea trk frm  -   -   -   -  frm  -   -
 abort            ret dis ret ret ret ret ret ret ret lnd rtl ret  -  crs
 rtl              rtl dis rtl rtl rtl rtl rtl rtl rtl rtl rtl rtl rtl crs
 land             lnd dis lnd lnd lnd lnd lnd lnd lnd lnd lnd lnd lnd crs
@@ -103,7 +103,9 @@ FLYING = VehicleFacts(
     at_takeoff_altitude=False,
 )  # fmt: skip
 STANDING = msgspec.structs.replace(FLYING, armed=False, airborne=False, ours=False, mode="STABILIZE")
-MEMBER = SwarmFacts(order=None, member=True, formed_up=False, over_home=False, stuck=False, must_return="")
+MEMBER = SwarmFacts(
+    order=None, member=True, formed_up=False, over_home=False, stuck=False, must_return="", flies_on=True
+)
 
 
 @pytest.mark.parametrize("name", CommandName)
@@ -157,5 +159,6 @@ def test_no_facts_lead_to_an_illegal_event(phase: Phase, name: CommandName) -> N
 def test_a_drone_takes_part_from_arming_to_the_end_of_the_search() -> None:
     """What the others take for a member, the table lets a pause or the swarm's order reach."""
     assert {phase for phase in Phase if (phase, FlightEvent.RESUME) in TRANSITIONS} - {
-        Phase.PILOT
+        Phase.PILOT,
+        Phase.DISARMED,
     } == TAKING_PART
