@@ -224,10 +224,9 @@ class Agent:
 
     def _is_awaited(self, phase: Phase, swarm: SwarmView, slot: SlotStep) -> bool:
         """Whether the swarm holds for this drone: it flies to a slot in a formation that is on its way."""
-        joins = phase is Phase.FORMING and swarm.place.slot >= 0
-        return slot.transferring or (
-            joins and swarm.order is not None and swarm.order.stage is not Stage.FORM
-        )
+        order = swarm.order
+        is_on_its_way = order is not None and order.stage is not Stage.FORM and not order.apart
+        return slot.transferring or (phase is Phase.FORMING and swarm.place.slot >= 0 and is_on_its_way)
 
     def _storage_notes(self, storage: str) -> list[Note]:
         """What is new about the recording."""
