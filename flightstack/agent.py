@@ -22,6 +22,7 @@ from flightstack.flight.leaving import Leaving, LeavingFacts
 from flightstack.flight.obedience import Obedience
 from flightstack.flight.phase import Ask, FlightPhase, PhaseStep
 from flightstack.flight.slot_transfer import SlotStep, SlotTransfer
+from flightstack.flight.stage_bounds import StageBounds, StageEnd, ended
 from flightstack.flight.strategy_call import consult
 from flightstack.flight.transitions import IN_FORMATION, IllegalTransitionError
 from flightstack.mavlink.modes import Duty
@@ -44,6 +45,7 @@ from mission.strategies.contract import (
     Intent,
     Observation,
     OwnState,
+    Stage,
     Strategy,
     TreePlace,
 )
@@ -126,7 +128,8 @@ class Agent:
         self._layer_above_home_m = config.formation.above_home_m + config.formation.layer_gap_m * (layer + 1)
         self._homecoming = Homecoming(config.limits, fence, -self._layer_above_home_m)
         self._leaving = Leaving(config.limits, fence, config.origin.amsl_m)
-        self._slot = SlotTransfer()
+        self._slot = SlotTransfer(config.limits.separation_m)
+        self._bounds = StageBounds(config.limits, fence)
         self._obedience = Obedience(config.limits.floor_above_home_m)
         self._strategy = self._new_strategy()
         self._rng = np.random.default_rng((config.seed, config.drone))
@@ -174,11 +177,15 @@ class Agent:
         # phase
         returning = self.phase.phase is Phase.RETURNING
         self._homecoming.step(now_s, vehicle, swarm.neighbours, returning=returning)
-        phase = self._next_phase(now_s, vehicle, swarm, slot, notes)
+        end = self._bounds.step(now_s, self.phase.phase, swarm.order)
+        phase = self._next_phase(now_s, vehicle, swarm, slot, end, notes)
         if phase.started is not None:
             self._begin(now_s, phase.started)
         # strategy
         intent = self._decide(now_s, phase, vehicle, sensed, swarm, place, slot)
+        if self._decision is not None and place.root == self.config.drone:
+            self._decision = ended(self._decision, swarm.order, end.gives_up)
+        notes += self._bounds.notes(root=place.root == self.config.drone)
         # guard
         guarded = self._steer(phase, intent, vehicle, swarm)
         notes += self._obedience.step(now_s, guarded.setpoint if guarded else None, vehicle)
@@ -193,7 +200,7 @@ class Agent:
             vehicle,
             sensed,
             place,
-            slot.transferring,
+            self._is_awaited(phase.phase, swarm, slot),
             self._best_ppm,
             guarded.held_by if guarded else (),
             self._ticks + inputs.late_ticks,  # that were due, whether they were held or missed
@@ -214,6 +221,13 @@ class Agent:
         )
         return Outputs(self._session.step(now_s), sensed.to_ports, told.messages, told.events, status)
 
+    def _is_awaited(self, phase: Phase, swarm: SwarmView, slot: SlotStep) -> bool:
+        """Whether the swarm holds for this drone: it flies to a slot in a formation that is on its way."""
+        joins = phase is Phase.FORMING and swarm.place.slot >= 0
+        return slot.transferring or (
+            joins and swarm.order is not None and swarm.order.stage is not Stage.FORM
+        )
+
     def _storage_notes(self, storage: str) -> list[Note]:
         """What is new about the recording."""
         before, self._storage = self._storage, storage
@@ -226,6 +240,7 @@ class Agent:
     def _begin(self, now_s: float, survey: str) -> None:
         """A survey starts: a new table, a new strategy, nothing remembered of the one before."""
         self._swarm.begin(now_s, survey, (0.0, 0.0, -self.config.formation.above_home_m))
+        self._bounds.begin()
         self._strategy = self._new_strategy()
         self._decision = None
         self._word = b""
@@ -240,7 +255,13 @@ class Agent:
     # -- phase -------------------------------------------------------------------------------------------------
 
     def _next_phase(
-        self, now_s: float, vehicle: VehicleReport, swarm: SwarmView, slot: SlotStep, notes: list[Note]
+        self,
+        now_s: float,
+        vehicle: VehicleReport,
+        swarm: SwarmView,
+        slot: SlotStep,
+        end: StageEnd,
+        notes: list[Note],
     ) -> PhaseStep:
         """The phase of this tick. An illegal transition is a defect of ours, which the tests of the phase see as an
         error; in flight it must not end the agent that steers the drone: it is told, and the phase stays."""
@@ -250,7 +271,7 @@ class Agent:
                 now_s,
                 swarm.commands,
                 facts,
-                self._swarm_facts(now_s, vehicle, swarm, slot),
+                self._swarm_facts(now_s, vehicle, swarm, slot, end),
                 storage=self._storage,
             )
         except IllegalTransitionError as error:
@@ -292,7 +313,7 @@ class Agent:
         return f", at {place.latitude_deg:.6f}, {place.longitude_deg:.6f}"
 
     def _swarm_facts(
-        self, now_s: float, vehicle: VehicleReport, swarm: SwarmView, slot: SlotStep
+        self, now_s: float, vehicle: VehicleReport, swarm: SwarmView, slot: SlotStep, end: StageEnd
     ) -> SwarmFacts:
         standing = self.phase.phase in (Phase.DISARMED, Phase.LANDED) and not vehicle.armed
         leaving = LeavingFacts(
@@ -309,7 +330,8 @@ class Agent:
             formed_up=slot.formed_up,
             over_home=self._homecoming.over_home,
             stuck=self._homecoming.stuck,
-            must_return=self._leaving.step(now_s, leaving),
+            must_return=self._leaving.step(now_s, leaving) or end.leaves,
+            overdue=end.lands,
             parted=swarm.part is Part.SMALLER,
             flies_on=swarm.flies_on,
             has_twin=swarm.has_twin,

@@ -17,6 +17,7 @@ DroneId = Annotated[int, Meta(ge=1, le=250)]
 """Also the MAVLink system id of the drone's autopilot."""
 NodeName = Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")]
 """Of a node that is no drone; it must not look like a drone's number."""
+SiteName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")]
 
 
 class Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -33,6 +34,9 @@ class SwarmConfig(Section, frozen=True, kw_only=True):
     """zenoh endpoints to connect to, for ever. Best is one list of all nodes', ground stations included, the same on
     every node: each pair then has one connection that is made again whatever happens (docs/decisions/0002)."""
     tls: TlsConfig | None = None
+    site: SiteName | None = None
+    """Where this node is, if a zenoh router joins several sites; its endpoint then stands first in `connect`
+    (docs/sites.md)."""
 
 
 class TlsConfig(Section, frozen=True, kw_only=True):
@@ -52,6 +56,9 @@ class TlsConfig(Section, frozen=True, kw_only=True):
 class AutopilotConfig(Section, frozen=True, kw_only=True):
     link: str
     """As pymavlink writes it: "/dev/ttypixhawk,115200", "udpin:127.0.0.1:14541", "tcp:127.0.0.1:5760"."""
+    signing_key: str | None = None
+    """File with the key that MAVLink is signed with on this link, its path relative to this file's directory. None:
+    nothing is signed, and everything is believed."""
     flavour: Literal["auto", "ardupilot", "px4"] = "auto"
     """"auto" believes the autopilot's own heartbeat."""
     ready_timeout_s: Positive = 180.0
@@ -97,6 +104,24 @@ class FormationConfig(Section, frozen=True, kw_only=True):
     layers: Annotated[int, Meta(ge=1)] = 5
 
 
+class StagesConfig(Section, frozen=True, kw_only=True):
+    """How long a stage of a survey may last. The battery ends most of them before; these are for what it does not."""
+
+    forming_s: Positive = 300.0
+    """A drone that is not in its slot by then goes home; so does a swarm that has not begun to search."""
+    searching_s: Positive = 1800.0
+    """All the search for contact together: then the root gives up for the whole swarm."""
+    tracking_s: Positive = 1800.0
+    """The same for all the following of a plume together."""
+    holding_s: Positive = 1800.0
+    """A paused drone goes home then."""
+    returning_s: Positive | None = None
+    """A drone that is not over its home by then lands where it is. None: 300 s, and three times what the way from the
+    farthest corner of the geofence takes at `speed_mps`; 900 s without a geofence."""
+    landing_s: Positive = 180.0
+    """A drone that is not on the ground by then needs somebody: that is told, there is no more to do."""
+
+
 class LimitsConfig(Section, frozen=True, kw_only=True):
     speed_mps: Positive = 5.0
     climb_mps: Positive = 2.0
@@ -118,6 +143,7 @@ class LimitsConfig(Section, frozen=True, kw_only=True):
     """Age of the own position above which the drone holds."""
     battery_return_fraction: Fraction = 0.25
     """The drone announces its own failure and goes home below this."""
+    stages: StagesConfig = StagesConfig()
 
 
 class StrategyConfig(Section, frozen=True, kw_only=True):
@@ -153,4 +179,7 @@ class DroneConfig(Section, frozen=True, kw_only=True):
     """1 in real flights. Simulated flights may run faster; all processes must be given the same."""
     clock: SharedClockConfig | None = None
     """Simulated flights only: the time that all their processes share, instead of each one's own."""
+    radio: str | None = None
+    """Simulated flights only: the file of the radio that all their processes share
+    (`flightstack.transport.shared_radio`); refused without their clock."""
     tick_hz: Positive = 10.0

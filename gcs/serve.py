@@ -8,15 +8,19 @@ import logging
 import pathlib
 import random
 import time
+from collections.abc import Iterator
 
 from flightstack.mavlink.link import ByteLink, LinkError, open_link
+from flightstack.mavlink.link.signed_link import SignedLink
+from flightstack.mavlink.signing_store import SigningKeyError, SigningStore
 from flightstack.recording.background_file import make_directory
 from flightstack.recording.clock import Clock, make_clock
 from flightstack.recording.recorder import FlightRecorder, RecordingError, TlogWriter
 from flightstack.stop_signals import StopSignals
 from flightstack.swarm.wire import Severity
-from flightstack.transport import TransportError
+from flightstack.transport import Transport, TransportError
 from flightstack.transport.endpoints import faulty_field
+from flightstack.transport.shared_radio import behind_radio
 from flightstack.transport.zenoh_transport import ZenohTransport
 from gcs.connection import RECEIVED
 from gcs.plans.checks import load_fence
@@ -91,12 +95,9 @@ def serve(config: GroundConfig, file: pathlib.Path) -> int:
     directory = _directory(config, file)
     with contextlib.ExitStack() as opened:
         links: list[ByteLink] = []
-        for index, text in enumerate(config.mavlink.links):
-            try:
-                links.append(open_link(text))
-            except LinkError as error:
-                raise fault_of(str(file), f"mavlink.links[{index}]", str(error)) from error
-            opened.callback(links[-1].close)
+        for link in _open_links(config, file):
+            links.append(link)
+            opened.callback(link.close)
         try:
             transport = ZenohTransport(
                 config.swarm.name,
@@ -106,10 +107,12 @@ def serve(config: GroundConfig, file: pathlib.Path) -> int:
                 RECEIVED,
                 config.swarm.tls,
                 config.swarm.members,
+                config.swarm.site,
             )
         except TransportError as error:
             raise fault_of(str(file), faulty_field(error), str(error)) from error
-        opened.callback(transport.close)
+        heard = behind_radio(transport, config.station, config.radio, clock.now_s)
+        opened.callback(heard.close)
         try:
             recordings = Recordings(directory, datetime.datetime.now(datetime.UTC), clock.now_s())
         except RecordingError as error:
@@ -123,9 +126,24 @@ def serve(config: GroundConfig, file: pathlib.Path) -> int:
             len(links),
             recordings.timeline.path,
         )
-        _loop(config, station, clock, transport, links, recordings, stop)
+        _loop(config, station, clock, heard, links, recordings, stop)
     log.info("ground station %s stopped", config.station)
     return 0
+
+
+def _open_links(config: GroundConfig, file: pathlib.Path) -> Iterator[ByteLink]:
+    key = config.mavlink.signing_key
+    try:
+        store = None if key is None else SigningStore(pathlib.Path(key))
+    except SigningKeyError as error:
+        raise fault_of(str(file), "mavlink.signing_key", str(error)) from error
+    for index, text in enumerate(config.mavlink.links):
+        try:
+            link = open_link(text)
+        except LinkError as error:
+            raise fault_of(str(file), f"mavlink.links[{index}]", str(error)) from error
+        # The link's own number; the commands of this station have others.
+        yield link if store is None else SignedLink(link, store, index % 100)
 
 
 def _in_short(problems: set[str]) -> str:
@@ -148,7 +166,7 @@ def _loop(
     config: GroundConfig,
     station: Station,
     clock: Clock,
-    transport: ZenohTransport,
+    transport: Transport,
     links: list[ByteLink],
     recordings: Recordings,
     stop: StopSignals,

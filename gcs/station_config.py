@@ -20,10 +20,12 @@ from flightstack.config import (
     SwarmConfig,
 )
 from flightstack.mavlink.link import LinkError, check_link
+from flightstack.mavlink.signing_store import SigningKeyError, read_key
 from flightstack.transport.access_rules import access_problems
 from flightstack.transport.certificates import beside, check_files
 from flightstack.transport.claims import Claim, clashes, endpoint_claim, link_claim
 from flightstack.transport.endpoints import endpoint_problems
+from flightstack.transport.shared_radio import radio_problems
 from mission.documents.fence_section import FenceChoice, read_section
 from mission.documents.yaml_file import DocumentError, line_of, parse, read_text
 from mission.geometry.frames import Geodetic
@@ -36,6 +38,9 @@ class MavlinkConfig(Section, frozen=True, kw_only=True):
     links: tuple[str, ...] = ()
     """As pymavlink writes them: "udpin:0.0.0.0:14550", "tcp:127.0.0.1:5760", "/dev/ttyUSB0,57600". All
     vehicles may share one; a vehicle heard on several is one vehicle."""
+    signing_key: str | None = None
+    """File with the key that MAVLink is signed with on all links, its path relative to this file's directory. None:
+    nothing is signed, and everything is believed."""
     system: Annotated[int, Meta(ge=1, le=255)] = 255
     """Our own system id. Two ground stations that hear the same vehicles need different ones."""
 
@@ -87,6 +92,8 @@ class GroundConfig(Section, frozen=True, kw_only=True):
     """1 in real flights. Simulated flights may run faster; all processes must be given the same."""
     clock: SharedClockConfig | None = None
     """Simulated flights only: the time that all their processes share, instead of each one's own."""
+    radio: str | None = None
+    """Simulated flights only, as in the drones' files."""
     tick_hz: Positive = 10.0
 
 
@@ -101,12 +108,22 @@ def load(path: str | pathlib.Path) -> GroundConfig:
     fence, warnings = read_section(written.geofence, file, text)
     for warning in warnings:
         log.warning("%s", warning)
-    swarm = beside(written.swarm, pathlib.Path(path).parent)
-    config = GroundConfig(**msgspec.structs.asdict(written) | {"geofence": fence, "swarm": swarm})
+    directory = pathlib.Path(path).parent
+    swarm, mavlink = beside(written.swarm, directory), written.mavlink
+    if mavlink.signing_key is not None:
+        mavlink = msgspec.structs.replace(mavlink, signing_key=str(directory / mavlink.signing_key))
+    parts = {"geofence": fence, "swarm": swarm, "mavlink": mavlink}
+    config = GroundConfig(**msgspec.structs.asdict(written) | parts)
     for field, problem in problems(config):
         raise DocumentError(file, problem, line=line_of(text, field), field=field)
     for problem in check_files(config.swarm, config.station):
         raise DocumentError(file, problem, line=line_of(text, "swarm.tls"), field="swarm.tls")
+    if config.mavlink.signing_key is not None:
+        try:
+            read_key(pathlib.Path(config.mavlink.signing_key))
+        except SigningKeyError as error:
+            field = "mavlink.signing_key"
+            raise DocumentError(file, str(error), line=line_of(text, field), field=field) from error
     return config
 
 
@@ -134,6 +151,7 @@ def problems(config: GroundConfig) -> Iterator[tuple[str, str]]:
         yield "alarms.battery_critical_fraction", "it is above battery_low_fraction"
     if config.speedup > 100.0:
         yield "speedup", f"{config.speedup:g} is not within 0 to 100"
+    yield from radio_problems(config.radio, config.clock)
     if config.tick_hz < 4.0:
         yield "tick_hz", f"{config.tick_hz:g} is too slow for what is sent 4 times a second; 10 is usual"
 

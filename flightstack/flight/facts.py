@@ -45,6 +45,8 @@ class SwarmFacts(msgspec.Struct, frozen=True):
     """Returning, and no nearer to home for long: something is in the way that does not move."""
     must_return: str
     """Why this drone cannot go on (battery, sensor, ground station lost), empty if it can."""
+    overdue: str = ""
+    """Why the way home must end where the drone is, empty if it need not."""
     parted: bool = False
     """It must return because the swarm has come apart, and this is the smaller part."""
     flies_on: bool = False

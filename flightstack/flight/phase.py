@@ -305,8 +305,8 @@ class FlightPhase:
             self._happen(now_s, FlightEvent.REJOIN, "it hears the swarm again", code="rejoin")
         elif swarm.over_home:
             self._happen(now_s, FlightEvent.OVER_HOME, "over home")
-        elif swarm.stuck:
-            why = "the way home is blocked: landing here"
+        elif swarm.stuck or swarm.overdue:
+            why = swarm.overdue or "the way home is blocked: landing here"
             self._happen(now_s, FlightEvent.BLOCKED, why, Severity.WARNING, "blocked")
 
     def _crashed(self, now_s: float, vehicle: VehicleFacts) -> None:
@@ -329,7 +329,11 @@ class FlightPhase:
         elif stage is Stage.FOUND:
             self._happen(now_s, FlightEvent.GO_HOME, "the source is found")
         elif stage is Stage.GIVE_UP:
-            self._happen(now_s, FlightEvent.GO_HOME, "the search area is exhausted")
+            self._happen(
+                now_s,
+                FlightEvent.GO_HOME,
+                "the survey is given up: no source was found in its area or its time",
+            )
         elif self.phase is Phase.FORMING and swarm.formed_up:
             event = FlightEvent.TRACK if stage is Stage.TRACK else FlightEvent.SEARCH
             self._happen(now_s, event, "in formation")

@@ -19,8 +19,8 @@ from mission.strategies.arrival import Arrival
 AT_SLOT_M = 1.2
 
 APPROACH_BLOCKED_S = 20.0
-"""A drone that has come no nearer to its slot for so long does not get there: a vehicle whose agent died may
-hover in the slot, and the swarm would wait until its battery is empty."""
+"""How long a drone may stand still on its way to its slot, or be beside it and come no nearer: a vehicle whose agent
+died may hover in the slot, and the swarm would wait until its battery is empty."""
 
 NEARER_M = 0.5
 """What counts as having come nearer: the guard steps aside before that vehicle, to and fro."""
@@ -50,7 +50,9 @@ class SlotStep(msgspec.Struct, frozen=True):
 class SlotTransfer:
     """The state of one drone. `step` is called once a tick."""
 
-    def __init__(self) -> None:
+    def __init__(self, separation_m: float) -> None:
+        """`separation_m`: no two drones come nearer than this, so twice as far from its slot a drone may be kept."""
+        self._beside_m = 2.0 * separation_m
         self.state = SlotState.SETTLED
         self._since_s = 0.0
         self._nearest_m = math.inf
@@ -81,7 +83,8 @@ class SlotTransfer:
             and velocity_ned_mps is not None
         ):
             there = self._approach.step(now_s, position_ned_m, velocity_ned_mps, slot_ned_m)
-            if (distance_m := math.dist(position_ned_m, slot_ned_m)) < self._nearest_m - NEARER_M:
+            distance_m = math.dist(position_ned_m, slot_ned_m)
+            if distance_m > self._beside_m or distance_m < self._nearest_m - NEARER_M:
                 self._nearest_m, self._nearest_s = distance_m, now_s
         else:
             self._approach.interrupt()

@@ -5,52 +5,41 @@ keep up, the vehicles then fly on while their agents miss ticks: the flight tell
 software. Here the vehicles' process makes the time: it goes as fast as the speed-up says, but
 never past what its followers have promised. A real flight has no such clock.
 
-The clock is a small file that all map into memory: doubles in the machine's own order, first the time, then one
-promise a follower. A promise is the time until which the follower has done its work; 0 before its first,
-infinity when it has left. Each number has one writer; an aligned double is read and written in one instruction.
+The clock is a small file that all map into memory: first the time, then one promise a follower. A promise is the time
+until which the follower has done its work; 0 before its first, infinity when it has left.
 """
 
 from __future__ import annotations
 
 import math
-import mmap
 import pathlib
 import time
 
+from flightstack.mapped_numbers import NUMBER_BYTES, MappedNumbers
 from mission.documents.yaml_file import DocumentError
 
-CELL_BYTES = 8
 STANDSTILL_WALL_S = 1.0
 """A sleeper wakes when the time has stood still for so long: to notice that it is told to stop, for one."""
 _SHORTEST_NAP_S = 0.001
 _LONGEST_NAP_S = 0.02
 
 
-class ClockCells:
+class ClockCells(MappedNumbers):
     """The numbers of a clock file."""
 
     def __init__(self, path: str | pathlib.Path) -> None:
         """`DocumentError` where the file is not there or is no clock."""
-        try:
-            with pathlib.Path(path).open("r+b") as file:
-                self._map = mmap.mmap(file.fileno(), 0)
-        except (OSError, ValueError) as error:
-            raise DocumentError(str(path), f"no clock to follow: {error}; its launcher makes it") from error
-        self.values = memoryview(self._map).cast("d")
+        super().__init__(path, "no clock to follow")
 
     @staticmethod
     def make(path: pathlib.Path, followers: int) -> ClockCells:
         """A new clock file at time 0, for this many followers (slots 1 to `followers`)."""
-        path.write_bytes(bytes(CELL_BYTES * (1 + followers)))
+        path.write_bytes(bytes(NUMBER_BYTES * (1 + followers)))
         return ClockCells(path)
 
     def leave(self, slot: int) -> None:
         """Nobody waits for this follower any more."""
         self.values[slot] = math.inf
-
-    def close(self) -> None:
-        self.values.release()
-        self._map.close()
 
 
 class SharedClock:

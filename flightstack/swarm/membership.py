@@ -291,6 +291,8 @@ class Membership:
 
     def _note_support(self, now_s: float, heard: int) -> None:
         support = self._support
+        if support and now_s - support[-1][0] > self._suspect_after_s:
+            heard = 1  # this program stood still, and cannot tell who heard it meanwhile
         while support and support[-1][1] >= heard:
             support.pop()
         support.append((now_s, heard))

@@ -180,7 +180,7 @@ class MemoryRadio:
         `conditions` and `range_m`, where given, stand in place of the model's.
         """
         model = model or RadioModel()
-        self.conditions = conditions or _conditions_of(model)
+        self.conditions = conditions or conditions_of(model)
         self.range_m = model.range_m if range_m is None else range_m
         self.now_s = 0.0
         self._seed = seed
@@ -346,7 +346,8 @@ class MemoryRadio:
         return self._queues[sender]
 
 
-def _conditions_of(model: RadioModel) -> Conditions:
+def conditions_of(model: RadioModel) -> Conditions:
+    """What `model` says of every link, wherever its ends are."""
     return Conditions(
         loss=model.loss,
         delay_s=model.delay_s,

@@ -92,6 +92,11 @@ class RadioModel(Section, frozen=True, kw_only=True):
     """What may wait at a node that has more to send. Beyond it the oldest best-effort messages are dropped, while
     reliable ones wait."""
 
+    @property
+    def places_matter(self) -> bool:
+        """Whether what is heard depends on where the nodes are."""
+        return self.range_m is not None or self.link_budget is not None or bool(self.ridges)
+
     def loss_between(self, a_ned_m: Vector3, b_ned_m: Vector3) -> float:
         """Probability that a message is lost on the way, `range_m` and `loss` aside. 1: out of reach."""
         if any(ridge.hides(a_ned_m, b_ned_m) for ridge in self.ridges):

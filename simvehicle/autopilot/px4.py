@@ -382,6 +382,7 @@ def _build(parts: SharedParts) -> Personality:
             announcer.broadcast,
         ),
         switch_mode=switch_mode,
+        unheard=failsafes.unheard,
     )
 
 

@@ -35,12 +35,23 @@ def fly(
             "with -SECONDS behind it mends itself."
         ),
     ] = None,
+    drones: Annotated[
+        int | None,
+        typer.Option(min=1, max=250, help="How many stand on the launch line; instead of the file's."),
+    ] = None,
     speedup: Annotated[
         float | None, typer.Option(min=0.1, max=20.0, help="Times real time; instead of the file's.")
     ] = None,
     seed: Annotated[
         int | None, typer.Option(min=0, help="Of wind, noise and strategy; instead of the file's.")
     ] = None,
+    radio_loss: Annotated[
+        float | None,
+        typer.Option(min=0.0, max=90.0, help="Per cent of the swarm's messages lost; instead of the file's."),
+    ] = None,
+    tls: Annotated[
+        bool, typer.Option("--tls", help="Encrypt the swarm's messages, with keys made for this survey.")
+    ] = False,
     out: Annotated[
         pathlib.Path, typer.Option(help="Where the survey's own directory is made.")
     ] = pathlib.Path("out"),
@@ -54,6 +65,7 @@ def fly(
     import msgspec
 
     from flightstack.transport import TransportError
+    from gcs.errors import GroundError
     from mission.documents.yaml_file import DocumentError
     from simvehicle.survey import conduct
     from simvehicle.survey.agent_faults import parse_freezes, parse_kill
@@ -63,11 +75,18 @@ def fly(
         faults = tuple(parse_fault(text) for text in fault or ())
         kills = tuple(parse_kill(text) for text in kill or ())
         freezes = parse_freezes(freeze or (), unfreeze or ())
-        loaded = load(survey, speedup=speedup, seed=seed, extra_faults=faults)
+        loaded = load(
+            survey,
+            speedup=speedup,
+            seed=seed,
+            drones=drones,
+            radio_loss=None if radio_loss is None else radio_loss / 100.0,
+            extra_faults=faults,
+        )
         for warning in loaded.warnings:
             typer.echo(f"warning: {warning}", err=True)
-        flown = conduct.fly(loaded, out=out, kills=kills, freezes=freezes)
-    except (DocumentError, TransportError) as error:
+        flown = conduct.fly(loaded, out=out, kills=kills, freezes=freezes, tls=tls)
+    except (DocumentError, TransportError, GroundError) as error:
         typer.echo(f"simvehicle: {error}", err=True)
         raise typer.Exit(2) from error
     except KeyboardInterrupt:

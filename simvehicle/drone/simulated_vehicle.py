@@ -9,6 +9,7 @@ from functools import partial
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.mavlink.modes import Flavour, mode_name
+from flightstack.mavlink.signing import Signing
 from mission.geometry.frames import Vector3
 from simvehicle.autopilot.ardupilot import ARDUPILOT
 from simvehicle.autopilot.autopilot import Autopilot
@@ -16,6 +17,7 @@ from simvehicle.autopilot.parameters import Parameters
 from simvehicle.autopilot.personality import FlavourRecipe
 from simvehicle.autopilot.px4 import PX4
 from simvehicle.drone.drone_spec import VehicleSpec
+from simvehicle.faults.fault_table import Unheard
 from simvehicle.vehicle.dynamics import quaternion_of
 from simvehicle.world.air import World
 
@@ -34,8 +36,17 @@ class SimulatedVehicle:
     Raises `ValueError` for parameters that the flavour does not have.
     """
 
-    def __init__(self, spec: VehicleSpec, world: World, *, seed: int, ready_after_s: float) -> None:
-        """`ready_after_s`: from power-up until the autopilot lets itself be armed."""
+    def __init__(
+        self,
+        spec: VehicleSpec,
+        world: World,
+        *,
+        seed: int,
+        ready_after_s: float,
+        signing: Signing | None = None,
+    ) -> None:
+        """`ready_after_s`: from power-up until the autopilot lets itself be armed. `signing`: the key of
+        `spec.signing_key`, and how late it is."""
         self.spec = spec
         recipe, self._mode_name = _FLAVOURS[spec.flavour]
         self.autopilot = Autopilot(
@@ -48,6 +59,8 @@ class SimulatedVehicle:
             ready_after_s=ready_after_s,
             seed=seed,
             quiet=spec.quiet,
+            signing=signing,
+            usb_links=spec.usb_links,
         )
         self._body = self.autopilot.vehicle.body
 
@@ -137,6 +150,17 @@ class SimulatedVehicle:
 
     def set_gps(self, working: bool) -> None:
         self.autopilot.vehicle.estimator.gps = working
+
+    def set_gps_error(self, north_m: float) -> None:
+        """The receiver is off by this, and the estimator follows it at once."""
+        self.autopilot.vehicle.estimator.gps_error_north_m = north_m
+
+    def set_heard(self, what: Unheard, heard: bool) -> None:
+        """Whether the autopilot hears what it has a failsafe for."""
+        if heard:
+            self.autopilot.personality.unheard.discard(what)
+        else:
+            self.autopilot.personality.unheard.add(what)
 
     def set_silent(self, silent: bool) -> None:
         """Its radio is dead: it neither sends nor hears."""

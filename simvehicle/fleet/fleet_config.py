@@ -23,6 +23,9 @@ class FleetConfig(WorldConfig, frozen=True, kw_only=True):
     clock: str | None = None
     """A file made by the launcher (`flightstack.recording.shared_clock`): the time of this fleet, for agents and
     ground station to follow and to hold back. None: the wall clock times `speedup`."""
+    places: str | None = None
+    """A file made by the launcher (`flightstack.transport.node_places`) that is told where the vehicles are, in their
+    order, for the nodes' simulated radio. None: nobody needs to know."""
     truth: str | None = None
     """A CSV file that gets every vehicle's true state ten times a (simulated) second: columns time_s, drone,
     north_m, east_m, down_m, airborne (0/1), armed (0/1), mode, co2_ppm, battery_fraction. Flushed once a second."""

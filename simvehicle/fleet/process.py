@@ -12,7 +12,10 @@ import threading
 import time
 from types import FrameType
 
+from flightstack.mavlink.signing import Signing, stamp_at
+from flightstack.mavlink.signing_store import SigningKeyError, read_key
 from flightstack.recording.shared_clock import ClockCells
+from flightstack.transport.node_places import NodePlaces
 from mission.documents.yaml_file import DocumentError
 from simvehicle.drone.drone_spec import VehicleSpec
 from simvehicle.drone.drones import Drone, SimulatedDrones
@@ -49,11 +52,13 @@ class Fleet:
         )
         self._wires: dict[int, Wires] = {}
         self._truth: TruthWriter | None = None
+        self._places: NodePlaces | None = None
         try:
             for index, drone in enumerate(self.drones.by_id.values()):
                 self._wires[drone.spec.id] = Wires(drone, f"vehicles[{index}]")
             if config.truth is not None:
                 self._truth = _truth_writer(config.truth)
+            self._places = open_places(config)
         except FleetError:
             self.close()
             raise
@@ -61,7 +66,15 @@ class Fleet:
     def _drone(self, spec: VehicleSpec, field: str) -> Drone:
         config = self.config
         try:
-            vehicle = SimulatedVehicle(spec, self.world, seed=config.seed, ready_after_s=config.ready_after_s)
+            vehicle = SimulatedVehicle(
+                spec,
+                self.world,
+                seed=config.seed,
+                ready_after_s=config.ready_after_s,
+                signing=_signing(spec),
+            )
+        except SigningKeyError as error:
+            raise FleetError(f"{field}.signing_key", str(error)) from error
         except ValueError as error:
             raise FleetError(f"{field}.parameters", str(error)) from error
         return Drone(spec, vehicle, config.seed)
@@ -74,6 +87,8 @@ class Fleet:
             wires.write(said[drone])
         if self._truth is not None:
             self._truth.step(now_s, self.drones)
+        if self._places is not None:
+            tell_places(self._places, self.drones)
 
     def close(self) -> None:
         for wires in self._wires.values():
@@ -81,6 +96,36 @@ class Fleet:
         if self._truth is not None:
             self._truth.close()
             self._truth = None
+        if self._places is not None:
+            self._places.close()
+            self._places = None
+
+
+def open_places(config: FleetConfig) -> NodePlaces | None:
+    """Where to tell the vehicles' places; `FleetError` where that cannot be."""
+    if config.places is None:
+        return None
+    try:
+        places = NodePlaces(config.places)
+    except DocumentError as error:
+        raise FleetError("places", str(error)) from error
+    if len(places) < len(config.vehicles):
+        places.close()
+        raise FleetError("places", f"{config.places} has room for fewer nodes than there are vehicles")
+    return places
+
+
+def tell_places(places: NodePlaces, drones: SimulatedDrones) -> None:
+    """Where the vehicles are now, in their order."""
+    for index, drone in enumerate(drones.by_id.values()):
+        places.tell(index, drone.vehicle.position_ned_m)
+
+
+def _signing(spec: VehicleSpec) -> Signing | None:
+    """The key that a vehicle was given; how late it is its GPS tells."""
+    if spec.signing_key is None:
+        return None
+    return Signing(read_key(pathlib.Path(spec.signing_key)), stamp_at(time.time()))
 
 
 def _truth_writer(path: str) -> TruthWriter:

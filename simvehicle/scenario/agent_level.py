@@ -88,12 +88,9 @@ class AgentFlight:
     def _over(self) -> bool:
         """Called once a tick, after it."""
         flight = self.flight
-        since_s = flight.now_s - (flight.first_takeoff_s or flight.now_s)
-        self._transcript.at(since_s)
+        since_s = self._time_s()
         for begins, fault in self._faults.strike(since_s, self._swarm):
             self._transcript.fault(begins, fault)
-        for begins, own in self._vehicle_faults.due(since_s):
-            self._transcript.fault(begins, own)
         if self._keeper is not None and self._swarm.ground_here:
             for drone in self._keeper.step():
                 self._transcript.sent_home(drone)
@@ -102,6 +99,15 @@ class AgentFlight:
             self._down_s = flight.now_s
         return flight.now_s - self._down_s > DOWN_FOR_S
 
+    def _time_s(self) -> float:
+        """Since the first take-off. The transcript knows it, and what happened to vehicles up to now."""
+        flight = self.flight
+        since_s = flight.now_s - (flight.first_takeoff_s or flight.now_s)
+        self._transcript.at(since_s)
+        for begins, own in self._vehicle_faults.due(since_s) if flight.first_takeoff_s is not None else ():
+            self._transcript.fault(begins, own)
+        return since_s
+
     def _up(self) -> set[int]:
         return {drone for drone, m in self.flight.members.items() if not m.vehicle.at_rest}
 
@@ -109,6 +115,7 @@ class AgentFlight:
         return kept_up(self.flight, self._swarm, ground_brings_home=self._keeper is not None)
 
     def _tap(self, drone: int, _agents_s: float, _heard: Inputs, said: Outputs) -> None:
+        self._time_s()
         self._invariants.hear(drone, said)
         self._transcript.phase(drone, said.status.phase)
         table = self._invariants.whole_table(drone)

@@ -125,8 +125,17 @@ class _Draw:
         word = self._random.choice(_COMMANDS)
         return {"command": word, **(self.one() if word in _TO_ONE else {})}
 
-    def cable(self) -> dict[str, Any]:
+    def instrument(self) -> dict[str, Any]:
         return {"instrument": "co2", **self.one_for_a_while()}
+
+    def liar(self) -> dict[str, Any]:
+        return {**self.instrument(), "by_ppm": self._random.choice((-400.0, 100.0, 2000.0))}
+
+    def astray(self) -> dict[str, Any]:
+        return {**self.one_for_a_while(), "by_m": round(self._random.uniform(-20.0, 20.0), 1)}
+
+    def failsafe(self) -> dict[str, Any]:
+        return {**self.one_for_a_while(), "unheard": "remote_control"}
 
 
 _SWARM_KINDS: Final[dict[str, Callable[[_Draw], dict[str, Any]]]] = {
@@ -143,8 +152,12 @@ _SWARM_KINDS: Final[dict[str, Callable[[_Draw], dict[str, Any]]]] = {
     "command": _Draw.word,
 }
 _VEHICLE_KINDS: Final[dict[str, Callable[[_Draw], dict[str, Any]]]] = {
-    "unplug": _Draw.cable,
+    "unplug": _Draw.instrument,
+    "stuck": _Draw.instrument,
+    "lying": _Draw.liar,
     "gps_loss": _Draw.one_for_a_while,
+    "gps_jump": _Draw.astray,
+    "failsafe": _Draw.failsafe,
     "battery_low": _Draw.one,
     "motor": _Draw.one,
     "tumble": _Draw.one,

@@ -13,11 +13,8 @@ from typing import Final
 import msgspec
 
 from flightstack.config import Positive
-from flightstack.transport.radio_model import RadioModel
 from mission.documents.yaml_file import DocumentError, line_of, parse, read_text
-from mission.geometry.frames import Vector3
 from simvehicle.faults.fault_table import SWARM_FAULTS, SwarmFaultSpec
-from simvehicle.scenario.swarm import GROUND
 from simvehicle.survey.survey_file import Survey, SurveyConfig, check
 
 ENDS_WITHIN_S: Final = 600.0
@@ -26,9 +23,6 @@ ENDS_WITHIN_S: Final = 600.0
 
 
 class ScenarioConfig(SurveyConfig, frozen=True, kw_only=True):
-    radio: RadioModel = RadioModel()
-    ground_ned_m: Vector3 | None = None
-    """Where the ground station's radio stands; None: it reaches everybody."""
     swarm_faults: tuple[SwarmFaultSpec, ...] = ()
     """What goes wrong with agents, radio and people; `faults` is for vehicles and instruments."""
     ground_brings_home: bool = True
@@ -65,19 +59,7 @@ def parse_scenario(text: str, file: str) -> FlownScenario:
         for field, problem in swarm_fault_problems(fault, drones):
             place = f"swarm_faults[{index}].{field}"
             raise DocumentError(file, problem, line=line_of(text, place), field=place)
-    for index, link in enumerate(config.radio.dead_links):
-        for problem in _dead_link_problems(link, drones):
-            place = f"radio.dead_links[{index}]"
-            raise DocumentError(file, problem, line=line_of(text, place), field=place)
     return FlownScenario(config, survey)
-
-
-def _dead_link_problems(link: tuple[int | str, int | str], drones: list[int]) -> Iterator[str]:
-    for node in link:
-        if node not in (*drones, GROUND):
-            yield f'there is no {node!r} to hear or be heard, but "{GROUND}" and drones {drones}'
-    if link[0] == link[1]:
-        yield f"{link[0]} hears itself; write [sender, who does not hear it]"
 
 
 def swarm_fault_problems(fault: SwarmFaultSpec, drones: list[int]) -> Iterator[tuple[str, str]]:

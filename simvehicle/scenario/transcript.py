@@ -10,7 +10,19 @@ from simvehicle.faults.fault_table import FaultSpec, SwarmFaultSpec
 from simvehicle.scenario.invariants import words
 
 TOLD: Final = frozenset(
-    {"lost", "joined", "found", "crash", "failsafe", "pilot", "blocked", "down", "leaving", "stood_still"}
+    {
+        "lost",
+        "joined",
+        "found",
+        "crash",
+        "failsafe",
+        "pilot",
+        "blocked",
+        "down",
+        "leaving",
+        "stood_still",
+        "overdue",
+    }
 )
 """Codes of the events that stand in it; what else is told repeats phases or tables."""
 
@@ -78,7 +90,8 @@ class Transcript:
 def fault_words(fault: FaultSpec | SwarmFaultSpec) -> str:
     """Its kind with what else says which one: "partition 1 2 | 3 4"."""
     if isinstance(fault, FaultSpec):
-        return " ".join(filter(None, (fault.kind, fault.instrument)))
+        by = {"lying": f"{fault.by_ppm:+g} ppm", "gps_jump": f"{fault.by_m:+g} m north"}.get(fault.kind)
+        return " ".join(filter(None, (fault.kind, fault.instrument or fault.unheard, by)))
     details = (
         fault.command or "",
         " | ".join(" ".join(map(str, part)) for part in fault.parts),

@@ -15,6 +15,7 @@ from flightstack.recording.shared_clock import ClockCells
 from flightstack.swarm.topics import COMMAND
 from flightstack.swarm.wire import Severity
 from flightstack.transport import Transport
+from gcs.keys.authority import check_library
 from simvehicle.fleet.truth import TruthTail, read_tracks
 from simvehicle.survey import launch, progress, summary
 from simvehicle.survey.agent_faults import Freeze, Kill, check_drones
@@ -51,18 +52,22 @@ def fly(
     out: pathlib.Path,
     kills: tuple[Kill, ...] = (),
     freezes: tuple[Freeze, ...] = (),
+    tls: bool = False,
     commands: launch.Commands = launch.installed,
 ) -> Flown:
     """Fly `survey` to its end, whatever that is; nothing that was started is left running.
 
     Everything is written into a new directory in `out`. Ctrl-C or SIGTERM lands everybody first; the second one ends
-    at once. `commands` says which programs the parts are.
+    at once. With `tls` the swarm's messages are encrypted, with keys made for this survey. `commands` says which
+    programs the parts are.
     """
     check_drones((drone.id for drone in survey.drones), kills, freezes)
+    if tls:
+        check_library()
     directory = launch.make_directory(
         out, survey.config.name, datetime.datetime.now(datetime.UTC).astimezone()
     )
-    prepared = launch.prepare(survey, directory)
+    prepared = launch.prepare(survey, directory, tls=tls)
     interrupts = Interrupts()
     began_s = time.monotonic()
     with interrupts.watched(), Processes(directory) as processes:
@@ -70,6 +75,7 @@ def fly(
         end = _conduct(survey, prepared, processes, interrupts, kills, freezes)
         stubborn = processes.stop()
     prepared.clock.unlink(missing_ok=True)
+    prepared.places.unlink(missing_ok=True)
     log = end.watch.log()
     flown = summary.summarise(
         survey.config.name,
@@ -173,7 +179,7 @@ def _conduct(
     freezes: tuple[Freeze, ...],
 ) -> _End:
     """The loop: hear, see, decide, do; until the supervisor says that it is over, and a moment longer."""
-    watch = SurveyWatch([drone.id for drone in survey.drones])
+    watch = SurveyWatch([drone.id for drone in survey.drones], prepared.draft.drones[0].tick_hz)
     supervisor = Supervisor(
         watch,
         launcher=LAUNCHER,
@@ -284,7 +290,8 @@ def _join(prepared: launch.Prepared) -> Transport:
         listen=(),
         connect=prepared.draft.endpoints,
         receives=RECEIVES,
-        tls=None,
+        tls=prepared.draft.launcher_tls,
+        members=prepared.draft.ground.swarm.members,
     )
 
 

@@ -15,11 +15,16 @@ from flightstack.config import (
     InstrumentConfig,
     SharedClockConfig,
     SwarmConfig,
+    TlsConfig,
 )
+from flightstack.transport.access_rules import common_name
+from flightstack.transport.radio_model import RadioModel
+from flightstack.transport.shared_radio import SharedRadio
+from gcs.keys.roster import AUTHORITY
 from gcs.station_config import AlarmLimits, GroundConfig, MavlinkConfig
 from simvehicle.drone.drone_spec import EmulatedInstrument, VehicleSpec
 from simvehicle.fleet.fleet_config import FleetConfig
-from simvehicle.survey.survey_file import Survey, SurveyDrone
+from simvehicle.survey.survey_file import GROUND_STATION, Survey, SurveyDrone
 from simvehicle.vehicle.dynamics import DRAG_PER_S
 
 AGENT_START_WALL_S = 60.0
@@ -28,15 +33,15 @@ VEHICLES = "vehicles"
 GROUND = "ground"
 LAUNCHER = "launcher"
 """Our name among the nodes of the swarm and among the followers of the clock."""
-GROUND_STATION = "ground"
-"""The ground station's name among the nodes of the swarm."""
+STATIONS = (GROUND_STATION, LAUNCHER)
+"""Who may command: the ground station, and we in its operator's place."""
 
 
 class DroneAddresses(msgspec.Struct, frozen=True):
     """Where one drone's parts meet."""
 
     endpoint: str
-    """Where its agent listens for the swarm's other nodes, as zenoh writes it: "tcp/HOST:PORT"."""
+    """Where its agent listens for the swarm's other nodes, as zenoh writes it: "tcp/HOST:PORT", or "tls/…"."""
     companion: str
     """"HOST:PORT" (UDP) at which its agent hears its autopilot."""
     instruments: tuple[str, ...]
@@ -54,6 +59,8 @@ class Addresses(msgspec.Struct, frozen=True):
     """In the survey's order."""
     directory: pathlib.Path | None = None
     """For the shared clock, the world's record and the recordings; None: nothing is shared or recorded."""
+    keys: pathlib.Path | None = None
+    """Where each node's keys are, in a directory of its name; None: the swarm's network is not encrypted."""
 
 
 class Draft(msgspec.Struct, frozen=True):
@@ -62,6 +69,10 @@ class Draft(msgspec.Struct, frozen=True):
     fleet: FleetConfig
     drones: tuple[DroneConfig, ...]
     ground: GroundConfig
+    radio: SharedRadio | None = None
+    """What the nodes hear of each other; None: everything."""
+    launcher_tls: TlsConfig | None = None
+    """What we show to the others ourselves."""
 
     @property
     def endpoints(self) -> tuple[str, ...]:
@@ -83,6 +94,16 @@ def clock_file(directory: pathlib.Path) -> pathlib.Path:
     return directory / "clock"
 
 
+def radio_file(directory: pathlib.Path) -> pathlib.Path:
+    """Of how good the radio between the nodes is."""
+    return directory / "radio.yaml"
+
+
+def places_file(directory: pathlib.Path) -> pathlib.Path:
+    """Of where the nodes are, for their radio."""
+    return directory / "places"
+
+
 def truth_file(directory: pathlib.Path) -> pathlib.Path:
     """Of the world's own record of the flight."""
     return directory / "truth.csv"
@@ -100,15 +121,17 @@ def numbered(
     tcp_ports: Iterable[int],
     udp_ports: Iterable[int],
     directory: pathlib.Path | None = None,
+    keys: pathlib.Path | None = None,
 ) -> Addresses:
     """Addresses on one host, with ports as they come."""
+    scheme = "tcp" if keys is None else "tls"
     tcp, udp = (map(f"{host}:{{}}".format, ports) for ports in (tcp_ports, udp_ports))
-    ground_endpoint, ground_mavlink = f"tcp/{next(tcp)}", next(udp)
+    ground_endpoint, ground_mavlink = f"{scheme}/{next(tcp)}", next(udp)
     drones = tuple(
-        DroneAddresses(f"tcp/{next(tcp)}", next(udp), tuple(next(tcp) for _ in drone.instruments or ()))
+        DroneAddresses(f"{scheme}/{next(tcp)}", next(udp), tuple(next(tcp) for _ in drone.instruments or ()))
         for drone in survey.drones
     )
-    return Addresses(ground_endpoint, ground_mavlink, drones, directory)
+    return Addresses(ground_endpoint, ground_mavlink, drones, directory, keys)
 
 
 def in_process(survey: Survey) -> Addresses:
@@ -120,6 +143,8 @@ def draft(survey: Survey, addresses: Addresses) -> Draft:
     """The configurations of the vehicles, of every drone's agent and of the ground station."""
     config, directory = survey.config, addresses.directory
     clock = None if directory is None else str(clock_file(directory))
+    radio = None if directory is None else _radio(survey, directory)
+    radio_path = None if directory is None or radio is None else str(radio_file(directory))
     fleet = FleetConfig(
         origin=config.origin,
         vehicles=tuple(
@@ -134,9 +159,29 @@ def draft(survey: Survey, addresses: Addresses) -> Draft:
         ready_after_s=config.ready_after_s,
         faults=config.faults,
         clock=clock,
+        places=None if radio is None else radio.places,
         truth=None if directory is None else str(truth_file(directory)),
     )
-    return Draft(fleet, tuple(_drones(survey, addresses, clock)), _ground(survey, addresses, clock))
+    return Draft(
+        fleet,
+        tuple(_drones(survey, addresses, clock, radio_path)),
+        _ground(survey, addresses, clock, radio_path),
+        radio,
+        _tls(addresses.keys, LAUNCHER),
+    )
+
+
+def _radio(survey: Survey, directory: pathlib.Path) -> SharedRadio | None:
+    config = survey.config
+    if config.radio == RadioModel():
+        return None
+    placed: tuple[int | str, ...] = tuple(drone.id for drone in survey.drones)
+    if config.ground_ned_m is not None:
+        placed = (*placed, GROUND_STATION)
+    places = str(places_file(directory)) if config.radio.places_matter else None
+    return SharedRadio(
+        model=config.radio, seed=config.seed, places=places, placed=placed if places is not None else ()
+    )
 
 
 def _vehicle(drone: SurveyDrone, own: DroneAddresses, ground_mavlink: str) -> VehicleSpec:
@@ -155,7 +200,9 @@ def _vehicle(drone: SurveyDrone, own: DroneAddresses, ground_mavlink: str) -> Ve
     )
 
 
-def _drones(survey: Survey, addresses: Addresses, clock: str | None) -> Iterator[DroneConfig]:
+def _drones(
+    survey: Survey, addresses: Addresses, clock: str | None, radio: str | None
+) -> Iterator[DroneConfig]:
     config, directory = survey.config, addresses.directory
     members = tuple(drone.id for drone in survey.drones)
     others = [addresses.ground_endpoint]
@@ -163,7 +210,11 @@ def _drones(survey: Survey, addresses: Addresses, clock: str | None) -> Iterator
         one = DroneConfig(
             drone=drone.id,
             swarm=SwarmConfig(
-                name=config.name, members=members, listen=(own.endpoint,), connect=tuple(others)
+                name=config.name,
+                members=members,
+                listen=(own.endpoint,),
+                connect=tuple(others),
+                tls=_tls(addresses.keys, common_name(drone.id)),
             ),
             origin=config.origin,
             autopilot=AutopilotConfig(
@@ -185,12 +236,12 @@ def _drones(survey: Survey, addresses: Addresses, clock: str | None) -> Iterator
             clock=None if clock is None else SharedClockConfig(file=clock, slot=2 + index),
         )
         if directory is not None:
-            one = msgspec.structs.replace(one, record_to=str(directory / agent_name(drone.id)))
+            one = msgspec.structs.replace(one, record_to=str(directory / agent_name(drone.id)), radio=radio)
         yield one
         others.append(own.endpoint)
 
 
-def _ground(survey: Survey, addresses: Addresses, clock: str | None) -> GroundConfig:
+def _ground(survey: Survey, addresses: Addresses, clock: str | None, radio: str | None) -> GroundConfig:
     config, directory = survey.config, addresses.directory
     ground = GroundConfig(
         station=GROUND_STATION,
@@ -198,6 +249,7 @@ def _ground(survey: Survey, addresses: Addresses, clock: str | None) -> GroundCo
             name=config.name,
             members=tuple(drone.id for drone in survey.drones),
             listen=(addresses.ground_endpoint,),
+            tls=_tls(addresses.keys, GROUND_STATION),
         ),
         origin=config.origin,
         mavlink=MavlinkConfig(links=(f"udpin:{addresses.ground_mavlink}",)),
@@ -210,7 +262,22 @@ def _ground(survey: Survey, addresses: Addresses, clock: str | None) -> GroundCo
         clock=None if clock is None else SharedClockConfig(file=clock, slot=1),
         speedup=config.speedup,
     )
-    return ground if directory is None else msgspec.structs.replace(ground, record_to=str(directory))
+    if directory is None:
+        return ground
+    return msgspec.structs.replace(ground, record_to=str(directory), radio=radio)
+
+
+def _tls(keys: pathlib.Path | None, node: str) -> TlsConfig | None:
+    """What the node of this name in its certificate shows to the others, and which stations it listens to."""
+    if keys is None:
+        return None
+    own = keys / node
+    return TlsConfig(
+        authority=str(own / f"{AUTHORITY}.pem"),
+        certificate=str(own / f"{node}.pem"),
+        private_key=str(own / f"{node}.key"),
+        stations=STATIONS,
+    )
 
 
 def _failsafe_parameters(survey: Survey, drone: SurveyDrone, index: int) -> dict[str, float]:

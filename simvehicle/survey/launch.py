@@ -12,22 +12,34 @@ from collections.abc import Callable
 import msgspec
 
 from flightstack.recording.shared_clock import ClockCells
+from flightstack.transport.access_rules import common_name
+from flightstack.transport.node_places import NodePlaces
+from flightstack.transport.shared_radio import SharedRadio
+from gcs.keys.authority import new_authority
+from gcs.keys.bundles import write_keys
 from mission.documents.yaml_file import DocumentError
 from mission.documents.yaml_values import text_of
+from mission.geometry.frames import Vector3
 from simvehicle.survey.draft import (
     GROUND,
+    STATIONS,
     VEHICLES,
     Draft,
     agent_name,
     clock_file,
     draft,
     numbered,
+    places_file,
     ports_needed,
+    radio_file,
     truth_file,
 )
 from simvehicle.survey.ports import LOOPBACK, free_ports
 from simvehicle.survey.processes import Processes
-from simvehicle.survey.survey_file import Survey
+from simvehicle.survey.survey_file import GROUND_STATION, Survey
+
+KEYS_VALID = datetime.timedelta(days=30)
+"""Longer than any survey takes, and than agents warn that their certificates end."""
 
 
 class Prepared(msgspec.Struct, frozen=True):
@@ -39,6 +51,10 @@ class Prepared(msgspec.Struct, frozen=True):
     @property
     def truth(self) -> pathlib.Path:
         return truth_file(self.directory)
+
+    @property
+    def places(self) -> pathlib.Path:
+        return places_file(self.directory)
 
     @property
     def clock(self) -> pathlib.Path:
@@ -67,8 +83,11 @@ def make_directory(out: pathlib.Path, name: str, now: datetime.datetime) -> path
     raise DocumentError(str(out), f"{stem} exists a hundred times; choose another --out")
 
 
-def prepare(survey: Survey, directory: pathlib.Path) -> Prepared:
-    """Reserve ports, write every part's file into `directory`, and make the clock."""
+def prepare(survey: Survey, directory: pathlib.Path, *, tls: bool = False) -> Prepared:
+    """Reserve ports, write every part's file into `directory`, make the clock, and with `tls` everybody's keys."""
+    keys = directory / "keys" if tls else None
+    if keys is not None:
+        _make_keys(survey, keys)
     tcp, udp = ports_needed(survey)
     addresses = numbered(
         survey,
@@ -76,11 +95,37 @@ def prepare(survey: Survey, directory: pathlib.Path) -> Prepared:
         free_ports(socket.SOCK_STREAM, tcp),
         free_ports(socket.SOCK_DGRAM, udp),
         directory,
+        keys,
     )
     prepared = Prepared(directory, draft(survey, addresses))
     write_files(prepared.draft, directory)
     ClockCells.make(prepared.clock, len(prepared.draft.followers)).close()
+    radio = prepared.draft.radio
+    if radio is not None:
+        _write(radio_file(directory), radio)
+        _make_places(radio, survey.config.ground_ned_m)
     return prepared
+
+
+def _make_keys(survey: Survey, directory: pathlib.Path) -> None:
+    """A fleet's keys and certificates as `gcs fleet init` makes them, but for one computer and one survey.
+
+    The authority's own key is not kept: nobody else becomes a member.
+    """
+    now = datetime.datetime.now(datetime.UTC)
+    authority = new_authority(survey.config.name, now)
+    for name in (*STATIONS, *(common_name(drone.id) for drone in survey.drones)):
+        write_keys(directory / name, authority, name, now, KEYS_VALID)
+
+
+def _make_places(radio: SharedRadio, ground_ned_m: Vector3 | None) -> None:
+    """The vehicles' process tells where they are; the ground station stays where it is."""
+    if radio.places is None:
+        return
+    places = NodePlaces.make(pathlib.Path(radio.places), len(radio.placed))
+    if ground_ned_m is not None:
+        places.tell(radio.placed.index(GROUND_STATION), ground_ned_m)
+    places.close()
 
 
 def write_files(drafted: Draft, directory: pathlib.Path) -> None:

@@ -282,7 +282,9 @@ class Supervisor:
             del self._to_wake[drone]
             self.frozen.discard(drone)
             (index,) = (i for i, f in enumerate(self.freezes) if f.drone == drone and f.until_s is None)
-            self.freezes[index] = Freeze(drone, self.freezes[index].at_s, elapsed_s)
+            began_s = self.freezes[index].at_s
+            self.freezes[index] = Freeze(drone, began_s, elapsed_s)
+            self._watch.woke(drone, elapsed_s - began_s)
             self._watch.note(now_s, Severity.INFO, "freeze", "agent goes on (SIGCONT)", drone)
             actions.append(WakeAgent(drone))
         for freeze in [f for f in self._to_freeze if elapsed_s >= f.at_s and f.drone not in self.frozen]:

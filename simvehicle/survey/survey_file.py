@@ -7,7 +7,7 @@ import math
 import pathlib
 import re
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 
 import msgspec
 import numpy as np
@@ -26,18 +26,22 @@ from flightstack.config import (
     SwarmConfig,
 )
 from flightstack.config_file import problems
+from flightstack.transport.radio_model import RadioModel
 from mission.documents.fence_section import FenceChoice, read_section
 from mission.documents.yaml_file import DocumentError, line_of, parse, read_text
-from mission.geometry.frames import LocalFrame
+from mission.geometry.frames import LocalFrame, Vector3
 from mission.geometry.geofence import Geofence, LocalFence
 from sensors.instruments.sensor_error import SensorError
 from simvehicle.autopilot.parameters import Parameters, UnknownParameterError
-from simvehicle.faults.fault_table import FAULTS, FaultSpec
+from simvehicle.faults.fault_table import FAULTS, FaultKind, FaultSpec
 from simvehicle.fleet.fleet_config import FARTHEST_HOME_M
+from simvehicle.fleet.fleet_problems import what_does_not_fit
 from simvehicle.instruments import make_emulator
 from simvehicle.world.configured import make_world
 from simvehicle.world.world_config import GaussianPlume, WorldConfig
 
+GROUND_STATION = "ground"
+"""The ground station's name among the nodes of the swarm."""
 Flavour = Literal["ardupilot", "px4"]
 
 
@@ -103,6 +107,10 @@ class SurveyConfig(WorldConfig, frozen=True, kw_only=True):
     ready_after_s: Annotated[float, Meta(ge=0.0)] = 41.0
     """How long the simulated autopilots need from power-up until they let themselves be armed."""
     faults: tuple[FaultSpec, ...] = ()
+    radio: RadioModel = RadioModel()
+    """How good the radio between drones and ground station is."""
+    ground_ned_m: Vector3 | None = None
+    """Where the ground station's radio stands; None: it reaches everybody."""
 
 
 class Survey(msgspec.Struct, frozen=True):
@@ -120,13 +128,23 @@ def load(
     *,
     speedup: float | None = None,
     seed: int | None = None,
+    drones: int | None = None,
+    radio_loss: float | None = None,
     extra_faults: tuple[FaultSpec, ...] = (),
 ) -> Survey:
     """Read and check a survey file; the options are what the command line gives instead or on top.
 
     `DocumentError` says in one line what is wrong, where, and how to mend it.
     """
-    return parse_survey(read_text(path), str(path), speedup=speedup, seed=seed, extra_faults=extra_faults)
+    return parse_survey(
+        read_text(path),
+        str(path),
+        speedup=speedup,
+        seed=seed,
+        drones=drones,
+        radio_loss=radio_loss,
+        extra_faults=extra_faults,
+    )
 
 
 def parse_survey(
@@ -135,16 +153,30 @@ def parse_survey(
     *,
     speedup: float | None = None,
     seed: int | None = None,
+    drones: int | None = None,
+    radio_loss: float | None = None,
     extra_faults: tuple[FaultSpec, ...] = (),
 ) -> Survey:
     """As `load`, from the text; `file` stands in the errors, and a fence's own file is looked for beside it."""
     config = parse(text, SurveyConfig, file)
+    if drones is not None and config.drones:
+        raise DocumentError(f"--drones {drones}", f"{file} lists its drones; give it a launch_line instead")
+    if drones is not None and config.launch_line is not None:
+        line = msgspec.structs.replace(config.launch_line, count=drones)
+        config = msgspec.structs.replace(config, launch_line=line)
     config = msgspec.structs.replace(
         config,
         speedup=config.speedup if speedup is None else speedup,
         seed=config.seed if seed is None else seed,
         faults=(*config.faults, *extra_faults),
     )
+    if radio_loss is not None:
+        radio = msgspec.structs.replace(config.radio, loss=radio_loss)
+        config = msgspec.structs.replace(config, radio=radio)
+    if config.radio.bandwidth_bytes_per_s is not None:
+        field = "radio.bandwidth_bytes_per_s"
+        problem = "processes of one machine send as much as they like; only scenarios have it"
+        raise DocumentError(file, problem, line=line_of(text, field), field=field)
     return check(config, text, file, extra_faults=extra_faults)
 
 
@@ -157,30 +189,42 @@ def check(config: SurveyConfig, text: str, file: str, *, extra_faults: tuple[Fau
 
 
 _FAULT = re.compile(
-    r"^(?:(?P<instrument>[A-Za-z0-9_]+)-)?(?P<kind>unplug|gps[_-]loss|battery[_-]low|motor|tumble|silence)"
+    r"^(?:(?P<which>[A-Za-z0-9_-]+)-)??(?P<kind>unplug|stuck|lying|gps[_-]loss|gps[_-]jump|battery[_-]low|failsafe"
+    r"|motor|tumble|silence)"
     r":(?P<drone>\d+)@(?P<at>\d+(?:\.\d+)?)(?:-(?P<until>\d+(?:\.\d+)?))?$"
+)
+
+
+_FAULT_FORM = (
+    "write INSTRUMENT-unplug:DRONE@SECONDS, or instead of INSTRUMENT-unplug: INSTRUMENT-stuck, INSTRUMENT-lying, "
+    "gps-loss, gps-jump, battery-low, remote-control-failsafe, ground-link-failsafe, motor, tumble or silence; "
+    "with -SECONDS behind if it mends itself"
 )
 
 
 def parse_fault(text: str) -> FaultSpec:
     """A fault as the command line says it: "co2-unplug:2@90", "gps-loss:3@60-75" (from 60 s to 75 s)."""
     match = _FAULT.match(text)
-    if match is None or (match["kind"] == "unplug") != (match["instrument"] is not None):
-        raise DocumentError(
-            f"--fault {text}",
-            "write INSTRUMENT-unplug:DRONE@SECONDS, or gps-loss, battery-low, motor, tumble or silence "
-            "instead of INSTRUMENT-unplug, with -SECONDS behind if it mends itself",
-        )
-    fault: FaultSpec = msgspec.convert(
-        {
-            "drone": int(match["drone"]),
-            "at_s": float(match["at"]),
-            "kind": match["kind"].replace("-", "_"),
-            "instrument": match["instrument"] or "",
-            "until_s": float(match["until"]) if match["until"] else None,
-        },
-        FaultSpec,
+    kind = match["kind"].replace("-", "_") if match is not None else ""
+    needs = FAULTS[cast(FaultKind, kind)].needs if match is not None else ()
+    if match is None or bool(needs) != (match["which"] is not None):
+        raise DocumentError(f"--fault {text}", _FAULT_FORM)
+    which: dict[str, str] = (
+        {needs[0]: match["which"].replace("-", "_" if kind == "failsafe" else "-")} if needs else {}
     )
+    try:
+        fault: FaultSpec = msgspec.convert(
+            {
+                "drone": int(match["drone"]),
+                "at_s": float(match["at"]),
+                "kind": kind,
+                "until_s": float(match["until"]) if match["until"] else None,
+                **which,
+            },
+            FaultSpec,
+        )
+    except msgspec.ValidationError as error:
+        raise DocumentError(f"--fault {text}", _FAULT_FORM) from error
     return fault
 
 
@@ -207,6 +251,7 @@ class _Checks:
         self._emulated(drones)
         self._plume()
         self._faults(drones)
+        self._radio(drones)
         return Survey(self._config, drones, fence, tuple(self._warnings))
 
     def _as_agents_see_it(self, drones: tuple[SurveyDrone, ...], fence: Geofence | None) -> None:
@@ -340,23 +385,33 @@ class _Checks:
                     raise DocumentError(f"--fault {_fault_option(fault)}", problem)
                 raise self._fail(f"faults[{index}].{field}", problem)
 
+    def _radio(self, drones: tuple[SurveyDrone, ...]) -> None:
+        nodes = [drone.id for drone in drones]
+        for index, link in enumerate(self._config.radio.dead_links):
+            for problem in _dead_link_problems(link, nodes):
+                raise self._fail(f"radio.dead_links[{index}]", problem)
+
+
+def _dead_link_problems(link: tuple[int | str, int | str], drones: list[int]) -> Iterator[str]:
+    for node in link:
+        if node not in (*drones, GROUND_STATION):
+            yield f'there is no {node!r} to hear or be heard, but "{GROUND_STATION}" and drones {drones}'
+    if link[0] == link[1]:
+        yield f"{link[0]} hears itself; write [sender, who does not hear it]"
+
 
 def _fault_problems(fault: FaultSpec, drones: Mapping[int, SurveyDrone]) -> Iterator[tuple[str, str]]:
     if fault.drone not in drones:
         yield "drone", f"there is no drone {fault.drone}, but {list(drones)}"
         return
-    names = [i.name for i in drones[fault.drone].instruments or ()]
-    if FAULTS[fault.kind].needs_instrument and fault.instrument not in names:
-        yield (
-            "instrument",
-            f"drone {fault.drone} carries no instrument called {fault.instrument!r}, but {names}",
-        )
+    types = {i.name: i.type for i in drones[fault.drone].instruments or ()}
+    yield from what_does_not_fit(fault, f"drone {fault.drone}", types)
     if fault.until_s is not None and fault.until_s <= fault.at_s:
         yield "until_s", f"it breaks at {fault.at_s:g} s, so it cannot mend at {fault.until_s:g} s"
 
 
 def _fault_option(fault: FaultSpec) -> str:
     """As `parse_fault` reads it."""
-    instrument = f"{fault.instrument}-" if fault.instrument else ""
+    which = fault.instrument or (fault.unheard or "").replace("_", "-")
     until = "" if fault.until_s is None else f"-{fault.until_s:g}"
-    return f"{instrument}{fault.kind.replace('_', '-')}:{fault.drone}@{fault.at_s:g}{until}"
+    return f"{which}{'-' if which else ''}{fault.kind.replace('_', '-')}:{fault.drone}@{fault.at_s:g}{until}"

@@ -5,6 +5,7 @@ No I/O and no clock: messages come with the simulated time at which they were re
 
 from __future__ import annotations
 
+import collections
 import math
 from collections.abc import Iterable, Sequence
 
@@ -72,7 +73,8 @@ class Log(msgspec.Struct, frozen=True):
 class SurveyWatch:
     """The newest knowledge of every drone, and the log so far."""
 
-    def __init__(self, members: Sequence[int]) -> None:
+    def __init__(self, members: Sequence[int], tick_hz: float = 10.0) -> None:
+        """`tick_hz`: of the agents."""
         self.members = tuple(members)
         self.states: dict[int, DroneState] = {}
         self.outcomes: dict[tuple[str, int], CommandOutcome] = {}
@@ -91,6 +93,9 @@ class SurveyWatch:
         self._heard_s: dict[int, float] = {}
         self._counts: dict[tuple[int, int], tuple[int, int]] = {}
         """(drone, incarnation) -> (ticks, late ticks)."""
+        self._tick_hz = tick_hz
+        self._slept_s: dict[int, float] = {}
+        """How long each drone's agent stood still because it was made to."""
         self._phases: list[PhaseMark] = []
         self._events: list[EventMark] = []
         self._trees: list[TreeMark] = []
@@ -130,6 +135,10 @@ class SurveyWatch:
     def note(self, now_s: float, severity: Severity, code: str, text: str, drone: int = 0) -> None:
         """Keep an event; those of the launcher itself have the drone 0."""
         self._events.append(EventMark(now_s, drone, severity, code, text))
+
+    def woke(self, drone: int, slept_s: float) -> None:
+        """The drone's agent goes on after it was made to stand still: what it slept through, it did not miss."""
+        self._slept_s[drone] = self._slept_s.get(drone, 0.0) + slept_s
 
     def _state(self, now_s: float, state: DroneState) -> None:
         drone = state.sender
@@ -175,18 +184,13 @@ class SurveyWatch:
         east_m = sum(p[1] for p in places) / len(places)
         return math.hypot(north_m - self.best_ned_m[0], east_m - self.best_ned_m[1])
 
-    @property
-    def late_fraction(self) -> float:
-        """Share of all agents' ticks that missed their deadline."""
-        ticks = sum(ticks for ticks, _ in self._counts.values())
-        return sum(late for _, late in self._counts.values()) / max(ticks, 1)
-
     def log(self) -> Log:
         """The log so far, its times counted from the first take-off (from the first mark if there was none)."""
         zero_s = self.first_takeoff_s
         if zero_s is None:
             firsts = [*(m.time_s for m in self._phases[:1]), *(m.time_s for m in self._events[:1])]
             zero_s = min(firsts, default=0.0)
+        slept = self._slept_ticks()
         return Log(
             phases=tuple(PhaseMark(m.time_s - zero_s, m.drone, m.phase) for m in self._phases),
             events=tuple(
@@ -195,6 +199,13 @@ class SurveyWatch:
             trees=tuple(TreeMark(m.time_s - zero_s, m.slots) for m in self._trees),
             orders=tuple(OrderMark(m.time_s - zero_s, m.order) for m in self._orders),
             heals=self._heals,
-            ticks=sum(ticks for ticks, _ in self._counts.values()),
-            late_ticks=sum(late for _, late in self._counts.values()),
+            ticks=sum(ticks for ticks, _ in self._counts.values()) - slept,
+            late_ticks=sum(late for _, late in self._counts.values()) - slept,
         )
+
+    def _slept_ticks(self) -> int:
+        """Of the late ticks those that were slept through, and are the machine's fault no more than the agents'."""
+        late: collections.Counter[int] = collections.Counter()
+        for (drone, _), (_, missed) in self._counts.items():
+            late[drone] += missed
+        return sum(min(late[d], math.ceil(s * self._tick_hz)) for d, s in self._slept_s.items())

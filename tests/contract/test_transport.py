@@ -1,17 +1,26 @@
-"""What every transport promises: `flightstack.transport.Transport` over zenoh and over the in-process radio."""
+"""What every transport promises: `flightstack.transport.Transport` over zenoh, over the in-process radio, and as a
+process of a simulated flight hears it."""
 
 from __future__ import annotations
 
+import contextlib
+import pathlib
 from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol
 
+import msgspec
 import pytest
 
 from flightstack.swarm.topics import COMMAND, EVENT, OUTCOME, STATE, TABLE, Received, Topic
 from flightstack.transport import Transport, TransportError
 from flightstack.transport.backlog import KEPT_PER_SENDER
-from flightstack.transport.memory import MemoryRadio
+from flightstack.transport.memory import MemoryRadio, MemoryTransport
+from flightstack.transport.node_places import NodePlaces
 from flightstack.transport.radio_model import LinkBudget, RadioModel
+from flightstack.transport.shared_radio import RadioEnd, SharedRadio
+from flightstack.transport.zenoh_options import router_options
+from flightstack.transport.zenoh_router import ZenohRouter
+from flightstack.transport.zenoh_session import configured
 from flightstack.transport.zenoh_transport import ZenohTransport
 
 ALL = (STATE, TABLE, COMMAND, OUTCOME, EVENT)
@@ -41,6 +50,33 @@ class RadioNetwork:
         self._radio.step(self._radio.now_s + 0.1)
 
 
+class HeardThroughRadio(RadioEnd):
+    """A node of a simulated flight's process, on a network that loses nothing."""
+
+    def __init__(self, node: MemoryTransport, radio: SharedRadio, now_s: Callable[[], float]) -> None:
+        super().__init__(node, node.node, radio, now_s)
+        self.alive = node.alive
+
+
+class SharedRadioNetwork:
+    """Near each other, places and all."""
+
+    def __init__(self, directory: pathlib.Path) -> None:
+        self._network = MemoryRadio()
+        model = msgspec.structs.replace(NEAR_EACH_OTHER, bandwidth_bytes_per_s=None)
+        places = directory / "places"
+        self._radio = SharedRadio(model=model, places=str(places), placed=(1, 2, 3))
+        with contextlib.closing(NodePlaces.make(places, 3)) as told:
+            for node in range(3):
+                told.tell(node, (10.0 * node, 0.0, -10.0))
+
+    def join(self, name: int | str, receives: Sequence[Topic] = ALL) -> NodeUnderTest:
+        return HeardThroughRadio(self._network.join(name, receives), self._radio, lambda: self._network.now_s)
+
+    def turn(self) -> None:
+        self._network.step(self._network.now_s + 0.1)
+
+
 class ZenohNetwork:
     """All nodes connect to the first one; the rest is gossip."""
 
@@ -64,21 +100,51 @@ class ZenohNetwork:
             node.close()
 
 
+class RouterNetwork:
+    """Two sites by turns, and all that a node is told is where the router is: its site's others come by gossip."""
+
+    def __init__(self, free_port: Callable[[], int]) -> None:
+        self._free_port = free_port
+        self._place = f"tcp/127.0.0.1:{free_port()}"
+        self._router = ZenohRouter(configured(router_options((self._place,), ("rim", "valley"), "contract")))
+        self._nodes: list[NodeUnderTest] = []
+
+    def join(self, name: int | str, receives: Sequence[Topic] = ALL) -> NodeUnderTest:
+        site = ("rim", "valley", "rim")[len(self._nodes) % 3]
+        endpoint = f"tcp/127.0.0.1:{self._free_port()}"
+        node = ZenohTransport("contract", name, (endpoint,), (self._place,), receives, site=site)
+        self._nodes.append(node)
+        return node
+
+    def turn(self) -> None:
+        self._router.look()
+
+    def close(self) -> None:
+        for node in self._nodes:
+            node.close()
+        self._router.close()
+
+
 NEAR_EACH_OTHER = RadioModel(
     link_budget=LinkBudget(), range_m=100.0, delay_s=0.02, bandwidth_bytes_per_s=1e6, queue_bytes=1 << 20
 )
 """Everything that a radio can have of its own, and nothing of it so bad that a promise cannot be kept."""
 
 
-@pytest.fixture(params=["radio", "modelled radio", "zenoh"])
-def network(request: pytest.FixtureRequest, free_port: Callable[[], int]) -> Iterator[NetworkUnderTest]:
+@pytest.fixture(params=["radio", "modelled radio", "shared radio", "zenoh", "zenoh router"])
+def network(
+    request: pytest.FixtureRequest, free_port: Callable[[], int], tmp_path: pathlib.Path
+) -> Iterator[NetworkUnderTest]:
     if request.param == "radio":
         yield RadioNetwork()
         return
     if request.param == "modelled radio":
         yield RadioNetwork(NEAR_EACH_OTHER)
         return
-    zenoh = ZenohNetwork(free_port)
+    if request.param == "shared radio":
+        yield SharedRadioNetwork(tmp_path)
+        return
+    zenoh = ZenohNetwork(free_port) if request.param == "zenoh" else RouterNetwork(free_port)
     yield zenoh
     zenoh.close()
 

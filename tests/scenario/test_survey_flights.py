@@ -271,18 +271,57 @@ def test_a_drone_that_is_disarmed_in_the_air_is_told_to_have_crashed() -> None:
     assert "leaving" not in told
 
 
-def test_a_drone_on_the_ground_does_not_start_a_survey_of_its_own() -> None:
-    """Landed by command, then the operator starts again while the others still fly."""
+def test_a_drone_that_was_landed_and_is_started_again_joins_the_survey_that_the_others_fly() -> None:
+    """It does not fly one of its own: it takes the first free slot, in the air."""
     flight = scenario(seed=8)
     flight.run(30.0)
     flight.command(CommandName.LAND, 4)
     assert flight.run_until(lambda: flight.members[4].agent.phase.phase is Phase.LANDED, 60.0)
+    assert 4 not in flight.tables[1].held
     again = flight.command(CommandName.START)
     flight.run(2.0)
-    answers = {o.sender: o for o in flight.outcomes if o.command == again}
-    assert [drone for drone, o in answers.items() if o.result is Result.REFUSED] == [4]
-    assert "has counted this drone out" in answers[4].reason
-    assert flight.members[4].agent.phase.phase is Phase.LANDED
+    assert {o.result for o in flight.outcomes if o.command == again} == {Result.ACCEPTED}
+    surveying = {Phase.SEARCHING, Phase.TRACKING}
+    assert flight.run_until(lambda: flight.members[4].agent.phase.phase in surveying, 90.0)
+    assert len({table.survey for table in flight.tables.values()}) == 1
+    assert all(sorted(table.held) == [1, 2, 3, 4, 5] for table in flight.tables.values())
+    assert_found(flight)
+
+
+def test_an_agent_that_stood_still_takes_a_free_slot_when_it_wakes() -> None:
+    """Its own was given away meanwhile."""
+    flight = scenario(seed=11)
+    flight.run(40.0)
+    held = flight.tables[1].held
+    flight.freeze(1)
+    assert flight.run_until(lambda: 1 not in flight.tables[2].held, 5.0)
+    assert flight.run_until(lambda: held[1] in flight.tables[2].held.values(), 5.0), "its heir has claimed it"
+    flight.run(20.0)
+    flight.thaw(1)
+    assert flight.run_until(lambda: sorted(flight.tables[2].held) == [1, 2, 3, 4, 5], 10.0)
+    assert flight.tables[2].held[1] != held[1]
+    assert flight.tables[2].held[4] == held[1], "and keeps it"
+    flight.run(1.0)
+    assert flight.states[1].healing
+    assert flight.run_until(lambda: not flight.states[1].healing, 45.0)
+    assert flight.phases() <= {Phase.SEARCHING, Phase.TRACKING}
+    assert_found(flight)
+
+
+@pytest.mark.parametrize("apart", [{1, 2}, {4, 5}, {3}], ids=["with-the-root", "without-the-root", "alone"])
+def test_the_part_that_goes_home_takes_part_again_when_it_hears_the_others(apart: set[int]) -> None:
+    flight = scenario(seed=1)
+    flight.run(80.0)
+    flight.radio.cut("ridge", apart)
+    flight.run(8.0)
+    assert {flight.members[drone].agent.phase.phase for drone in apart} == {Phase.RETURNING}
+    flight.radio.mend("ridge")
+    surveying = {Phase.SEARCHING, Phase.TRACKING}
+    assert flight.run_until(lambda: flight.phases() <= surveying, 90.0), flight.phases()
+    root = next(drone for drone, slot in flight.tables[3].held.items() if slot == 0)
+    assert root not in apart
+    assert all(sorted(table.held) == [1, 2, 3, 4, 5] for table in flight.tables.values())
+    assert_found(flight)
 
 
 def test_a_weak_battery_announces_its_own_loss() -> None:

@@ -51,7 +51,7 @@ def agent(config: DroneConfig) -> None:
     swarm = config.swarm
     receives = (topics.COMMAND,)
     transport = ZenohTransport(
-        swarm.name, config.drone, listen=swarm.listen, connect=swarm.connect, receives=receives
+        swarm.name, config.drone, swarm.listen, swarm.connect, receives, swarm.tls, swarm.members
     )
     file = pathlib.Path(config.record_to).parent / f"drone-{config.drone}.told"
     started_s: float | None = None

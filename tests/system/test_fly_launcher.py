@@ -117,6 +117,16 @@ def test_a_frozen_agent_is_not_waited_for_and_goes_on_when_it_is_woken(
     assert nothing_runs(flown.directory)
 
 
+def test_an_encrypted_survey_is_heard_and_obeys(survey_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    flown = fly(load(survey_file), out=tmp_path / "out", tls=True, commands=STANDIN)
+    assert (flown.summary.outcome, flown.summary.alive) == (SurveyOutcome.SOURCE_FOUND, 3)
+    keys = flown.directory / "keys"
+    assert {path.name for path in keys.iterdir()} == {"drone-1", "drone-2", "drone-3", "ground", "launcher"}
+    assert [path for path in keys.rglob("*.key") if path.stat().st_mode & 0o077] == []
+    assert not list(keys.rglob("authority.key")), "nobody else becomes a member"
+    assert nothing_runs(flown.directory)
+
+
 def test_a_part_that_cannot_start(survey_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
     flown: Flown = fly(load(survey_file), out=tmp_path / "out", commands=BROKEN)
     assert flown.summary.outcome == SurveyOutcome.FAILED

@@ -9,6 +9,7 @@ import shutil
 import pytest
 
 from flightstack.config_file import load
+from flightstack.mavlink.signing_store import write_key
 from gcs.station_config import load as load_station
 from mission.documents.yaml_file import DocumentError
 from mission.geometry.geofence import Geofence
@@ -26,6 +27,11 @@ def refused(tmp_path: pathlib.Path, old: str, new: str) -> str:
     text = str(caught.value)
     assert "\n" not in text
     return text.removeprefix(f"{tmp_path}/drone.yaml")
+
+
+def test_a_real_drone_has_no_radio_that_loses_on_purpose(tmp_path: pathlib.Path) -> None:
+    text = refused(tmp_path, "instruments:\n", "radio: /tmp/radio.yaml\ninstruments:\n")
+    assert text.startswith(":14: radio: loses messages on purpose; only a simulated flight")
 
 
 LIMIT = "  separation_m: 4.0"
@@ -77,6 +83,8 @@ LIMIT = "  separation_m: 4.0"
         ),
         (LIMIT, f"{LIMIT}\n  peer_lost_s: 0.1", "limits.peer_lost_s: 0.1 is less"),
         (LIMIT, f"{LIMIT}\n  ground_lost_s: 0.2", "limits.ground_lost_s: 0.2 is less"),
+        (LIMIT, f"{LIMIT}\n  stages: {{holding_s: 5}}", "limits.stages.holding_s: no stage ends within 5 s"),
+        (LIMIT, f"{LIMIT}\n  stages: {{returning_s: 5}}", "limits.stages.returning_s: no stage ends within"),
         (
             "battery_return_fraction: 0.3",
             "battery_return_fraction: 1.0",
@@ -159,3 +167,14 @@ def test_a_station_watches_the_fence_of_a_file_too(folder: pathlib.Path) -> None
     fence = load_station(station).geofence
     assert type(fence) is Geofence
     assert len(fence.inclusion[0]) == 3
+
+
+def test_a_signing_key_lies_beside_the_file(tmp_path: pathlib.Path) -> None:
+    file = tmp_path / "drone.yaml"
+    file.write_text(
+        GOOD.replace("  flavour: ardupilot\n", "  flavour: ardupilot\n  signing_key: mavlink.key\n")
+    )
+    with pytest.raises(DocumentError, match=r"drone\.yaml:13: autopilot\.signing_key: .*No such file"):
+        load(file)
+    write_key(tmp_path / "mavlink.key")
+    assert load(file).autopilot.signing_key == str(tmp_path / "mavlink.key")

@@ -229,6 +229,13 @@ def test_a_drone_whose_way_home_is_blocked_lands_where_it_is() -> None:
     assert (step.phase, step.asks) == (Phase.LANDING, (Ask.LAND,))
 
 
+def test_a_drone_whose_way_home_takes_too_long_lands_where_it_is_and_says_why() -> None:
+    flight = Flight().to(Phase.RETURNING)
+    step = flight.step(UP, msgspec.structs.replace(ALONE, overdue="the way home has no end: landing here"))
+    assert (step.phase, step.asks) == (Phase.LANDING, (Ask.LAND,))
+    assert [note.text for note in step.notes] == ["landing: the way home has no end: landing here"]
+
+
 def put_out(flight: Flight, seconds: float) -> list[Note]:
     """Fly on without a slot; gives what is told."""
     notes: list[Note] = []

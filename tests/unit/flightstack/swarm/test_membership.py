@@ -266,6 +266,22 @@ def test_all_know_the_same_in_the_end_whatever_was_said(
     assert all(knows.present == set(MEMBERS) for knows in everybody.values())
 
 
+def test_who_stood_still_has_heard_nobody_steadily() -> None:
+    """It wakes with everybody's words in its ears, and must not displace who took its slot meanwhile."""
+    membership = Membership(1, (1, 2, 3), suspect_after_s=0.8)
+    for tick in range(100):
+        now_s = 0.1 * tick
+        membership.step(now_s, {d: PeerFacts(now_s, True, False, None) for d in (2, 3)}, ())
+    assert membership.support == 3
+    supports = []
+    for tick in range(60):
+        now_s = 30.0 + 0.1 * tick
+        membership.step(now_s, {d: PeerFacts(now_s, True, False, None) for d in (2, 3)}, ())
+        supports.append(membership.support)
+    assert supports[:50] == [1] * 50
+    assert supports[-1] == 3
+
+
 def test_one_whose_word_comes_by_others_only_is_doubted_ever_more_rarely_and_never_counted_out() -> None:
     """Drone 4 does not hear drone 2, whose answers come by way of the others, late."""
     ears, other = Ears(4), membership(2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import itertools
 import pathlib
@@ -12,6 +13,7 @@ import msgspec
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from flightstack.transport.node_places import NodePlaces
 from mission.geometry.frames import Geodetic
 from simvehicle.drone.drone_spec import EmulatedInstrument, VehicleSpec
 from simvehicle.faults.fault_table import FaultSpec
@@ -178,6 +180,25 @@ def test_truth_is_written_ten_times_a_second(tmp_path: pathlib.Path) -> None:
     assert float(last["co2_ppm"]) == pytest.approx(420.0)
 
 
+def test_the_nodes_radio_is_told_where_the_vehicles_are(tmp_path: pathlib.Path) -> None:
+    with contextlib.closing(NodePlaces.make(tmp_path / "places", 2)) as places:
+        flown = Flown(config(places=str(tmp_path / "places")))
+        try:
+            flown.until_takeoff()
+            flown.run(8.0)
+            assert places.of(0) == flown.vehicle.position_ned_m
+            assert places.of(1) is None, "the ground station's is none of the vehicles'"
+        finally:
+            flown.fleet.close()
+
+
+def test_a_file_for_places_that_has_no_room(tmp_path: pathlib.Path) -> None:
+    assert refused(config(places=str(tmp_path / "none"))).field == "places"
+    NodePlaces.make(tmp_path / "places", 1).close()
+    vehicles = tuple(VehicleSpec(id=d, links=("udpout:127.0.0.1:9",)) for d in (1, 2))
+    assert "room" in refused(config(places=str(tmp_path / "places"), vehicles=vehicles)).problem
+
+
 def test_instruments_speak_until_they_are_unplugged_and_again_afterwards() -> None:
     port = free_port()
     instrument = EmulatedInstrument(name="co2", type="sba5", port=f"127.0.0.1:{port}")
@@ -212,3 +233,14 @@ def test_instruments_speak_until_they_are_unplugged_and_again_afterwards() -> No
             assert b"M " in talk(client)
     finally:
         flown.fleet.close()
+
+
+def test_keys_and_usb_ports_that_are_none(tmp_path: pathlib.Path) -> None:
+    link = f"udpin:127.0.0.1:{free_port(socket.SOCK_DGRAM)}"
+    unkeyed = VehicleSpec(id=1, links=(link,), signing_key=str(tmp_path / "absent"))
+    error = refused(config(vehicles=(unkeyed,)))
+    assert error.field == "vehicles[0].signing_key"
+    assert "No such file" in error.problem
+    assert refused(config(vehicles=(VehicleSpec(id=1, links=(link,), usb_links=(1,)),))).field == (
+        "vehicles[0].usb_links"
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pathlib
+import re
 
 import msgspec
 import pytest
@@ -95,6 +96,17 @@ def test_a_pilot_has_a_vehicle_until_its_agent_obeys_a_command() -> None:
     result = flown("kind: pilot, drone: 2, at_s: 10.0")  # everybody is told to come home afterwards
     assert result.violations == ()
     assert not any("still in the air" in line for line in result.transcript)
+
+
+@pytest.mark.parametrize("flavour", ["ardupilot", "px4"])
+def test_a_failsafe_by_name_brings_its_vehicle_home_and_is_told(flavour: str) -> None:
+    fault = "{kind: failsafe, unheard: remote_control, drone: 2, at_s: 12.0, until_s: 13.0}"
+    text = SHORT.replace("FLAVOUR", flavour) + f"faults: [{fault}]\n"
+    transcript = "\n".join(fly_scenario(parse_scenario(text, "short")).transcript)
+    assert "12 s  2           fault failsafe remote_control" in transcript
+    assert re.search(r"1[278] s  2           rtl\n", transcript)
+    assert re.search(r"s  [1 ]*2[ 3]* +landed\n", transcript)
+    assert re.search(r"s  2           failsafe: rtl: failsafe of the autopilot", transcript)
 
 
 def test_who_waits_for_an_operator_or_for_a_ground_station_is_not_judged_by_the_end() -> None:

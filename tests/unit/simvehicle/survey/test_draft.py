@@ -92,6 +92,26 @@ def test_a_directory_gives_all_one_clock_and_each_a_slot(survey: Survey) -> None
     assert drafted.ground.record_to == "/nowhere"
 
 
+def test_with_keys_everybody_shows_their_own_and_hears_the_launcher(survey: Survey) -> None:
+    addresses = numbered(
+        survey, "127.0.0.1", itertools.count(1), itertools.count(1), keys=pathlib.Path("/keys")
+    )
+    drafted = draft(survey, addresses)
+    fits(drafted)
+    assert all(endpoint.startswith("tls/") for endpoint in drafted.endpoints)
+    sections = [
+        *(drone.swarm.tls for drone in drafted.drones),
+        drafted.ground.swarm.tls,
+        drafted.launcher_tls,
+    ]
+    assert [tls and (tls.authority, tls.certificate, tls.private_key) for tls in sections] == [
+        (f"/keys/{name}/authority.pem", f"/keys/{name}/{name}.pem", f"/keys/{name}/{name}.key")
+        for name in ("drone-4", "drone-9", "ground", "launcher")
+    ]
+    assert {tls and tls.stations for tls in sections} == {("ground", "launcher")}
+    assert draft(survey, ADDRESSES).launcher_tls is None
+
+
 def test_without_a_directory_there_is_no_file_to_write(survey: Survey) -> None:
     drafted = draft(survey, ADDRESSES)
     assert drafted.fleet.clock is None

@@ -256,6 +256,25 @@ def test_a_frozen_agent_goes_on_when_its_time_comes() -> None:
     assert freeze.until_s == pytest.approx(40.0, abs=1.0)
 
 
+def test_what_an_agent_slept_through_is_no_missed_deadline() -> None:
+    swarm = SupervisedSwarm(freezes=(Freeze(3, 20.0, 40.0),))
+    swarm.take_off()
+    swarm.run(35.0)
+
+    def say(drone: int, ticks: int, late_ticks: int) -> None:
+        said = msgspec.structs.replace(state(drone, Phase.SEARCHING), ticks=ticks, late_ticks=late_ticks)
+        swarm.watch.hear(swarm.now_s, topics.STATE, topics.STATE.codec.encode(said))
+
+    say(2, 400, 3)
+    say(3, 400, 190)
+    log = swarm.watch.log()
+    assert (log.ticks, log.late_ticks) == (610, 3), "less late than it slept: none of them was missed"
+    say(3, 420, 210)
+    log = swarm.watch.log()
+    assert log.ticks - 620 == log.late_ticks - 13, "what it did not sleep through counts as ever"
+    assert 3 <= log.late_ticks <= 23
+
+
 def test_a_survey_ends_without_a_word_of_who_is_frozen() -> None:
     swarm = SupervisedSwarm(freezes=(Freeze(3, 20.0),))
     swarm.take_off()

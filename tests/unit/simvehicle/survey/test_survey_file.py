@@ -9,6 +9,7 @@ import msgspec
 import pytest
 
 from flightstack.config import FormationConfig, LimitsConfig, StrategyConfig
+from flightstack.transport.radio_model import RadioModel
 from mission.documents.fence_section import FenceSection
 from mission.documents.yaml_file import DocumentError
 from mission.strategies.locus.strategy import LocusParameters
@@ -20,6 +21,7 @@ from simvehicle.survey.survey_file import (
     SurveyDrone,
     load,
     parse_fault,
+    parse_survey,
 )
 from simvehicle.world.world_config import GaussianPlume, LocusGridPlume, WindConfig
 
@@ -52,6 +54,30 @@ def test_the_command_line_wins_over_the_file() -> None:
     fault = parse_fault("co2-unplug:2@90")
     survey = load(EXAMPLES / "survey.yaml", speedup=2.0, seed=9, extra_faults=(fault,))
     assert (survey.config.speedup, survey.config.seed, survey.config.faults) == (2.0, 9, (fault,))
+
+
+def test_more_drones_than_the_file_says_stand_on_its_launch_line() -> None:
+    survey = load(EXAMPLES / "survey.yaml", drones=9)
+    assert [drone.id for drone in survey.drones] == list(range(1, 10))
+    assert survey.drones[4].home_north_m == survey.drones[4].home_east_m == 0.0
+
+
+def test_how_much_the_radio_loses_is_the_files_unless_the_command_line_says_it() -> None:
+    text = GOOD + "radio: {loss: 0.1, delay_s: 0.05}\n"
+    assert parse_survey(text, "survey.yaml").config.radio == RadioModel(loss=0.1, delay_s=0.05)
+    radio = parse_survey(text, "survey.yaml", radio_loss=0.2).config.radio
+    assert radio == RadioModel(loss=0.2, delay_s=0.05)
+    assert load(EXAMPLES / "survey.yaml").config.radio == RadioModel()
+
+
+def test_a_file_that_lists_its_drones_has_no_other_number_of_them(tmp_path: pathlib.Path) -> None:
+    head, _, rest = GOOD.partition("launch_line:")
+    path = tmp_path / "survey.yaml"
+    path.write_text(head + "drones: [{id: 1}]\n" + rest[rest.index("formation:") :], encoding="utf-8")
+    with pytest.raises(
+        DocumentError, match=r"^--drones 9: .*lists its drones; give it a launch_line instead$"
+    ):
+        load(path, drones=9)
 
 
 def test_a_file_that_is_not_there() -> None:
@@ -93,10 +119,12 @@ def test_a_file_that_is_not_text(tmp_path: pathlib.Path) -> None:
         ("launch_line:", "drones: [{id: 1}]\nlaunch_line:", ["drones", "one of them"]),
         ("type: gaussian", "type: gausian", ["plume.type: ", "'gausian'; write gaussian or locus-grid"]),
         ("flavour: ardupilot", "flavour: px5", ["launch_line.flavour: ", "'px5'; write ardupilot or px4"]),
-        ("seed: 1", "seed: 1\nfaults: [{kind: fire}]", ["faults[0].kind: ", "battery_low or gps_loss or motor or"]),
+        ("seed: 1", "seed: 1\nfaults: [{kind: fire}]", ["faults[0].kind: ", "battery_low or failsafe or gps_jump"]),
         ("gust_time_s: 5.0", "gust_time_s: 0.001", ["wind.gust_time_s", ">= 0.1"]),
         ("vent_sd_m: 4.0", "vent_sd_m: 0.1", ["plume.vent_sd_m", "more than pure CO2"]),
         ("source_above_home_m: 10.0", "source_above_home_m: -1.0", ["plume.source_above_home_m"]),
+        ("seed: 1", "seed: 1\nradio: {bandwidth_bytes_per_s: 9e3}", ["radio.bandwidth", "only scenarios"]),
+        ("seed: 1", "seed: 1\nradio: {dead_links: [[1, 9]]}", ["radio.dead_links[0]", "there is no 9"]),
         ("geofence:", "geofence:\n  file: none.plan", ["geofence.file", "not both"]),
     ],
 )  # fmt: skip
@@ -171,9 +199,27 @@ def test_faults_from_the_command_line() -> None:
     loss = parse_fault("gps-loss:3@60-75.5")
     assert (loss.kind, loss.drone, loss.at_s, loss.until_s) == ("gps_loss", 3, 60.0, 75.5)
     assert parse_fault("battery-low:1@5").kind == "battery_low"
+    assert parse_fault("gps-jump:1@5-9").kind == "gps_jump"
+    stuck = parse_fault("wind_2-stuck:4@1")
+    assert (stuck.kind, stuck.instrument) == ("stuck", "wind_2")
+    failsafe = parse_fault("remote-control-failsafe:3@60")
+    assert (failsafe.kind, failsafe.unheard, failsafe.instrument) == ("failsafe", "remote_control", "")
 
 
-@pytest.mark.parametrize("text", ["", "unplug:2@90", "co2-motor:2@90", "motor:2", "motor:x@1", "fire:1@1"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "unplug:2@90",
+        "co2-motor:2@90",
+        "failsafe:2@90",
+        "co2-failsafe:2@9",
+        "co2-gps-loss:2@9",
+        "motor:2",
+        "motor:x@1",
+        "fire:1@1",
+    ],
+)
 def test_faults_that_mean_nothing(text: str) -> None:
     with pytest.raises(DocumentError, match="--fault"):
         parse_fault(text)
@@ -184,6 +230,7 @@ def test_faults_that_mean_nothing(text: str) -> None:
     [
         ("motor:9@1", r"there is no drone 9, but \[1, 2, 3, 4, 5\]"),
         ("wind-unplug:2@1", "no instrument called 'wind', but \\['co2'\\]"),
+        ("wind-lying:2@1", "no instrument called 'wind', but \\['co2'\\]"),
         ("gps-loss:3@75-60", "it breaks at 75 s, so it cannot mend at 60 s"),
     ],
 )
