@@ -22,6 +22,7 @@ from flightstack.flight.leaving import Leaving, LeavingFacts
 from flightstack.flight.obedience import Obedience
 from flightstack.flight.phase import Ask, FlightPhase, PhaseStep
 from flightstack.flight.slot_transfer import SlotStep, SlotTransfer
+from flightstack.flight.stage_bounds import StageBounds, StageEnd, ended
 from flightstack.flight.strategy_call import consult
 from flightstack.flight.transitions import IN_FORMATION, IllegalTransitionError
 from flightstack.mavlink.modes import Duty
@@ -31,6 +32,7 @@ from flightstack.swarm import topics
 from flightstack.swarm.announcements import OwnFacts
 from flightstack.swarm.member import SwarmMember, SwarmView
 from flightstack.swarm.news import Note, TextNotes
+from flightstack.swarm.parting import Part
 from flightstack.swarm.topics import Received
 from flightstack.swarm.wire import Event, Phase, Severity
 from mission.geometry.formation import make_layout
@@ -116,6 +118,7 @@ class Agent:
             self._layout,
             frame_identity=self.frame.identity,
             incarnation=incarnation,
+            suspect_after_s=config.limits.peer_suspected_s,
             lost_after_s=config.limits.peer_lost_s,
             tick_s=1.0 / config.tick_hz,
         )
@@ -124,7 +127,8 @@ class Agent:
         self._layer_above_home_m = config.formation.above_home_m + config.formation.layer_gap_m * (layer + 1)
         self._homecoming = Homecoming(config.limits, fence, -self._layer_above_home_m)
         self._leaving = Leaving(config.limits, fence, config.origin.amsl_m)
-        self._slot = SlotTransfer()
+        self._slot = SlotTransfer(config.limits.separation_m)
+        self._bounds = StageBounds(config.limits, fence)
         self._obedience = Obedience(config.limits.floor_above_home_m)
         self._strategy = self._new_strategy()
         self._rng = np.random.default_rng((config.seed, config.drone))
@@ -148,7 +152,7 @@ class Agent:
         self._session.receive(now_s, inputs.autopilot)
         vehicle = self._session.report
         received = (Received(topics.TOPICS[m.topic], m.sender, m.payload) for m in inputs.peers)
-        swarm = self._swarm.step(now_s, received, self._decision, vehicle.position_ned_m)
+        swarm = self._swarm.step(now_s, received, self.phase.phase, self._decision, vehicle.position_ned_m)
         notes = [*self._storage_notes(inputs.storage), *swarm.refused]
         notes += self._texts.notes(now_s, vehicle.new_texts)
         if vehicle.stood_still_s:
@@ -172,11 +176,15 @@ class Agent:
         # phase
         returning = self.phase.phase is Phase.RETURNING
         self._homecoming.step(now_s, vehicle, swarm.neighbours, returning=returning)
-        phase = self._next_phase(now_s, vehicle, swarm, slot, notes)
+        end = self._bounds.step(now_s, self.phase.phase, swarm.order)
+        phase = self._next_phase(now_s, vehicle, swarm, slot, end, notes)
         if phase.started is not None:
             self._begin(now_s, phase.started)
         # strategy
         intent = self._decide(now_s, phase, vehicle, sensed, swarm, place, slot)
+        if self._decision is not None and place.root == self.config.drone:
+            self._decision = ended(self._decision, swarm.order, end.gives_up)
+        notes += self._bounds.notes(root=place.root == self.config.drone)
         # guard
         guarded = self._steer(phase, intent, vehicle, swarm)
         notes += self._obedience.step(now_s, guarded.setpoint if guarded else None, vehicle)
@@ -222,8 +230,9 @@ class Agent:
         return [Note(Severity.INFO, "recording", "the flight is recorded again")]
 
     def _begin(self, now_s: float, survey: str) -> None:
-        """A survey starts: a new tree, a new strategy, nothing remembered of the one before."""
+        """A survey starts: a new table, a new strategy, nothing remembered of the one before."""
         self._swarm.begin(now_s, survey, (0.0, 0.0, -self.config.formation.above_home_m))
+        self._bounds.begin()
         self._strategy = self._new_strategy()
         self._decision = None
         self._word = b""
@@ -238,7 +247,13 @@ class Agent:
     # -- phase -------------------------------------------------------------------------------------------------
 
     def _next_phase(
-        self, now_s: float, vehicle: VehicleReport, swarm: SwarmView, slot: SlotStep, notes: list[Note]
+        self,
+        now_s: float,
+        vehicle: VehicleReport,
+        swarm: SwarmView,
+        slot: SlotStep,
+        end: StageEnd,
+        notes: list[Note],
     ) -> PhaseStep:
         """The phase of this tick. An illegal transition is a defect of ours, which the tests of the phase see as an
         error; in flight it must not end the agent that steers the drone: it is told, and the phase stays."""
@@ -248,7 +263,7 @@ class Agent:
                 now_s,
                 swarm.commands,
                 facts,
-                self._swarm_facts(now_s, vehicle, swarm, slot),
+                self._swarm_facts(now_s, vehicle, swarm, slot, end),
                 storage=self._storage,
             )
         except IllegalTransitionError as error:
@@ -290,7 +305,7 @@ class Agent:
         return f", at {place.latitude_deg:.6f}, {place.longitude_deg:.6f}"
 
     def _swarm_facts(
-        self, now_s: float, vehicle: VehicleReport, swarm: SwarmView, slot: SlotStep
+        self, now_s: float, vehicle: VehicleReport, swarm: SwarmView, slot: SlotStep, end: StageEnd
     ) -> SwarmFacts:
         standing = self.phase.phase in (Phase.DISARMED, Phase.LANDED) and not vehicle.armed
         leaving = LeavingFacts(
@@ -307,8 +322,10 @@ class Agent:
             formed_up=slot.formed_up,
             over_home=self._homecoming.over_home,
             stuck=self._homecoming.stuck,
-            shut_out=swarm.shut_out,
-            must_return=self._leaving.step(now_s, leaving),
+            must_return=self._leaving.step(now_s, leaving) or end.leaves,
+            overdue=end.lands,
+            parted=swarm.part is Part.SMALLER,
+            flies_on=swarm.flies_on,
             has_twin=swarm.has_twin,
         )
 
@@ -350,7 +367,7 @@ class Agent:
                 return GoTo(over_the_top(position, target, -self._layer_above_home_m))
             case Phase.RETURNING:
                 return self._homecoming.intent(position)
-            case Phase.SEARCHING | Phase.TRACKING:
+            case Phase.SEARCHING | Phase.TRACKING if place.slot >= 0:
                 if self._formed_s is None:
                     self._formed_s = now_s
                 if slot.transferring and target is not None:

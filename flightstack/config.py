@@ -97,6 +97,24 @@ class FormationConfig(Section, frozen=True, kw_only=True):
     layers: Annotated[int, Meta(ge=1)] = 5
 
 
+class StagesConfig(Section, frozen=True, kw_only=True):
+    """How long a stage of a survey may last. The battery ends most of them before; these are for what it does not."""
+
+    forming_s: Positive = 300.0
+    """A drone that is not in its slot by then goes home; so does a swarm that has not begun to search."""
+    searching_s: Positive = 1800.0
+    """All the search for contact together: then the root gives up for the whole swarm."""
+    tracking_s: Positive = 1800.0
+    """The same for all the following of a plume together."""
+    holding_s: Positive = 1800.0
+    """A paused drone goes home then."""
+    returning_s: Positive | None = None
+    """A drone that is not over its home by then lands where it is. None: 300 s, and three times what the way from the
+    farthest corner of the geofence takes at `speed_mps`; 900 s without a geofence."""
+    landing_s: Positive = 180.0
+    """A drone that is not on the ground by then needs somebody: that is told, there is no more to do."""
+
+
 class LimitsConfig(Section, frozen=True, kw_only=True):
     speed_mps: Positive = 5.0
     climb_mps: Positive = 2.0
@@ -108,14 +126,17 @@ class LimitsConfig(Section, frozen=True, kw_only=True):
     ceiling_above_home_m: Positive = 60.0
     fence_margin_m: NotNegative = 3.0
     """The guard keeps this distance from every fence line."""
+    peer_suspected_s: Positive = 0.8
+    """Silence after which a member is missed; it counts as lost half a second later, unless it objects."""
     peer_lost_s: Positive = 3.0
-    """Silence after which a member counts as lost."""
+    """Silence of several members at once after which the swarm counts as come apart."""
     ground_lost_s: Positive | None = None
     """Silence of the ground station after which the survey is aborted; None: the swarm goes on without it."""
     position_stale_s: Positive = 1.0
     """Age of the own position above which the drone holds."""
     battery_return_fraction: Fraction = 0.25
     """The drone announces its own failure and goes home below this."""
+    stages: StagesConfig = StagesConfig()
 
 
 class StrategyConfig(Section, frozen=True, kw_only=True):

@@ -21,6 +21,7 @@ _MOST: Final = {
     "floor_above_home_m": 5000.0,
     "ceiling_above_home_m": 5000.0,
     "fence_margin_m": 1000.0,
+    "peer_suspected_s": 600.0,
     "peer_lost_s": 600.0,
     "position_stale_s": 60.0,
 }
@@ -30,12 +31,14 @@ _LEAST: Final = {
     "climb_mps": 0.1,
     "descent_mps": 0.1,
     "acceleration_mps2": 0.1,
+    "peer_suspected_s": 0.5,
     "peer_lost_s": 0.5,
     "position_stale_s": 0.2,
     "ground_lost_s": 1.0,
 }
 """Less cannot be kept: peers tell their state five times a second, the ground station once."""
 _LONGEST_STOP_S: Final = 30.0
+_SHORTEST_STAGE_S: Final = 20.0
 _FULLEST_RETURN: Final = 0.9
 _NAME: Final = re.compile(r"[A-Za-z0-9_]{1,16}")
 _INT32: Final = range(-(1 << 31), 1 << 31)
@@ -57,6 +60,13 @@ def limit_problems(limits: LimitsConfig) -> Iterator[tuple[str, str]]:
         value = getattr(limits, name)
         if value > most:
             yield f"limits.{name}", f"{value:g} is more than any drone does; {most:g} is the most"
+    for name in limits.stages.__struct_fields__:
+        value = getattr(limits.stages, name)
+        if value is not None and value < _SHORTEST_STAGE_S:
+            yield (
+                f"limits.stages.{name}",
+                f"no stage ends within {value:g} s; {_SHORTEST_STAGE_S:g} is the least",
+            )
     stop_s = limits.speed_mps / limits.acceleration_mps2
     if stop_s > _LONGEST_STOP_S:
         yield (

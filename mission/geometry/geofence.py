@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import Annotated, TypeAlias
 
 import msgspec
+import numpy as np
 import shapely
 from msgspec import Meta
 from shapely.geometry.base import BaseGeometry
@@ -27,7 +28,8 @@ LocalPoint: TypeAlias = tuple[float, float]
 
 WIDEST_M = 100_000.0
 """Vertices farther apart than this are a slip of the pen (a lost sign), and too far for one tangent plane."""
-_EVERYWHERE = shapely.box(-1e6, -1e6, 1e6, 1e6)
+_ENDLESS_M = 1e6
+_EVERYWHERE = shapely.box(-_ENDLESS_M, -_ENDLESS_M, _ENDLESS_M, _ENDLESS_M)
 """The allowed area of a fence without inclusions, metres."""
 _ARC_SEGMENTS = 32
 """Straight pieces a quarter circle: an arc of 300 m radius is then true to 10 cm."""
@@ -174,6 +176,11 @@ class LocalFence:
             return 0.0
         corners = shapely.points(shapely.get_coordinates(beyond))
         return float(max(shapely.distance(corners, outer)))
+
+    def farthest_m(self) -> float:
+        """How far from the frame's origin its farthest corner is; infinite where nothing bounds it."""
+        farthest_m = float(np.hypot(*shapely.get_coordinates(self.area).T).max())
+        return farthest_m if farthest_m < _ENDLESS_M else math.inf
 
     def _room(self, margin_m: float) -> BaseGeometry:
         """The allowed area without its rim of `margin_m`, prepared, made once a margin."""

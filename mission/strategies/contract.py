@@ -26,7 +26,7 @@ class Stage(enum.StrEnum):
     TRACK = "track"
     FOUND = "found"
     GIVE_UP = "give_up"
-    """The search area is exhausted without a source: everybody goes home."""
+    """The search area is exhausted, or the time for it over, without a source: everybody goes home."""
 
 
 class Order(msgspec.Struct, frozen=True, array_like=True):

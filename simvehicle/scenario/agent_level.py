@@ -118,7 +118,7 @@ class AgentFlight:
         self._time_s()
         self._invariants.hear(drone, said)
         self._transcript.phase(drone, said.status.phase)
-        table = self._invariants.tables.get(drone)
+        table = self._invariants.whole_table(drone)
         if table is not None:
             self._transcript.table(table)
         for event in said.events:

@@ -10,7 +10,7 @@ from typing import Final
 from flightstack.agent import Outputs
 from flightstack.mavlink.framing import FrameFinder
 from flightstack.swarm import topics
-from flightstack.swarm.wire import TAKING_PART, TreeState
+from flightstack.swarm.wire import TAKING_PART, TableState
 from mission.geometry.formation import make_layout
 from mission.geometry.geofence import LocalFence
 from mission.tree.balanced_tree import problems
@@ -40,7 +40,7 @@ class Invariants:
         self._separation_m = config.limits.separation_m
         self._fence = LocalFence(flight.world.frame, config.geofence) if config.geofence else None
         self._layout = make_layout(config.formation.layout, config.formation.spacing_m)
-        self.tables: dict[int, TreeState] = {}
+        self.tables: dict[int, TableState] = {}
         """What every agent told last, by drone."""
         self._untroubled_s = 0.0
         self._audible: dict[int, frozenset[str]] = {}
@@ -53,6 +53,11 @@ class Invariants:
     def violations(self) -> tuple[Violation, ...]:
         return tuple(self._found.values())
 
+    def whole_table(self, drone: int) -> TableState | None:
+        """What an agent told last, unless a heal is under way in it: then slots are empty that have to be filled."""
+        table = self.tables.get(drone)
+        return None if table is None or problems(table.held, self._layout) else table
+
     def violated(self, kind: str, who: str, text: str) -> None:
         if (kind, who) not in self._found:
             began_s = self._flight.first_takeoff_s or 0.0
@@ -64,11 +69,8 @@ class Invariants:
         for name, payload in said.peers:
             if name == topics.OUTCOME.name:
                 self._swarm.hear(topics.OUTCOME.codec.decode(payload))
-            elif name == topics.TREE.name:
-                table = topics.TREE.codec.decode(payload)
-                self.tables[drone] = table
-                for problem in problems(dict(table.slots), self._layout):
-                    self.violated("table", f"drone {drone}", problem)
+            elif name == topics.TABLE.name:
+                self.tables[drone] = topics.TABLE.codec.decode(payload)
         for event in said.events:
             if event.code == "defect":
                 self.violated("defect", f"drone {drone}", event.text)
@@ -118,9 +120,12 @@ class Invariants:
             self._audible, self._untroubled_s = audible, flight.now_s
         if flight.now_s - self._untroubled_s <= AGREED_WITHIN_S:
             return
+        for drone in taking_part & self.tables.keys():
+            for problem in problems(self.tables[drone].held, self._layout):
+                self.violated("table", f"drone {drone}", problem)
         for a, b in _pairs(audible):
             one, other = self.tables.get(a), self.tables.get(b)
-            if one and other and one.survey == other.survey and one.slots != other.slots:
+            if one and other and one.survey == other.survey and one.held != other.held:
                 text = f"have two tables, {words(one)} and {words(other)}"
                 self.violated("agreement", f"drones {a} and {b}", text)
 
@@ -132,6 +137,6 @@ def _pairs(audible: dict[int, frozenset[str]]) -> Iterator[tuple[int, int]]:
             yield a, b
 
 
-def words(table: TreeState) -> str:
+def words(table: TableState) -> str:
     """Who holds which slot: "1@0 4@1 2@2"."""
-    return " ".join(f"{drone}@{slot}" for drone, slot in sorted(table.slots, key=lambda held: held[1]))
+    return " ".join(f"{drone}@{slot}" for drone, slot in sorted(table.held.items(), key=lambda held: held[1]))

@@ -8,6 +8,7 @@ from typing import Any, Final, Protocol, TypeAlias
 from mission.documents.yaml_values import text_of
 from simvehicle.scenario.agent_level import fly_scenario
 from simvehicle.scenario.drawn_scenario import draw
+from simvehicle.scenario.protocol_level import ProtocolLevel
 from simvehicle.scenario.scenario_file import parse_scenario
 from simvehicle.scenario.scenario_result import ScenarioResult
 
@@ -35,5 +36,5 @@ class AgentLevel:
         return fly_scenario(parse_scenario(text_of(document), "drawn scenario"))
 
 
-LEVELS: Final[dict[str, Callable[[], Level]]] = {"agent": AgentLevel}
+LEVELS: Final[dict[str, Callable[[], Level]]] = {"agent": AgentLevel, "protocol": ProtocolLevel}
 """By the names of `simvehicle scenario search --level`."""

@@ -11,7 +11,7 @@ from typing import Protocol
 import msgspec
 import pytest
 
-from flightstack.swarm.topics import COMMAND, EVENT, OUTCOME, STATE, TREE, Received, Topic
+from flightstack.swarm.topics import COMMAND, EVENT, OUTCOME, STATE, TABLE, Received, Topic
 from flightstack.transport import Transport, TransportError
 from flightstack.transport.backlog import KEPT_PER_SENDER
 from flightstack.transport.memory import MemoryRadio, MemoryTransport
@@ -20,7 +20,7 @@ from flightstack.transport.radio_model import LinkBudget, RadioModel
 from flightstack.transport.shared_radio import RadioEnd, SharedRadio
 from flightstack.transport.zenoh_transport import ZenohTransport
 
-ALL = (STATE, TREE, COMMAND, OUTCOME, EVENT)
+ALL = (STATE, TABLE, COMMAND, OUTCOME, EVENT)
 
 
 class NodeUnderTest(Transport, Protocol):
@@ -181,7 +181,7 @@ def test_only_topics_asked_for_are_received(network, until):
     ear = Ear(b)
     until(
         lambda: (
-            a.publish(STATE, b"s") or a.publish(TREE, b"t") or a.publish(EVENT, b"e") or ear.payloads(EVENT)
+            a.publish(STATE, b"s") or a.publish(TABLE, b"t") or a.publish(EVENT, b"e") or ear.payloads(EVENT)
         )
     )
     assert {message.topic.name for message in ear.heard} <= {"state", "event"}
@@ -208,13 +208,13 @@ def test_of_best_effort_topics_the_newest_few_of_each_sender_are_kept(network, u
         for n in range(100):
             a.publish(STATE, b"loud %02d" % n)
         b.publish(STATE, b"quiet")
-        a.publish(TREE, b"tree")
+        a.publish(TABLE, b"table")
         network.turn()
         received = c.receive()
-        for topic, sender in ((STATE, "1"), (STATE, "2"), (TREE, "1")):
+        for topic, sender in ((STATE, "1"), (STATE, "2"), (TABLE, "1")):
             assert sum((m.topic, m.sender) == (topic, sender) for m in received) <= KEPT_PER_SENDER
         seen.update(message.payload for message in received)
-        return {b"loud 99", b"quiet", b"tree"} <= seen
+        return {b"loud 99", b"quiet", b"table"} <= seen
 
     until(loud_and_quiet_heard)
 

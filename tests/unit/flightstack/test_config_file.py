@@ -82,6 +82,8 @@ LIMIT = "  separation_m: 4.0"
         ),
         (LIMIT, f"{LIMIT}\n  peer_lost_s: 0.1", "limits.peer_lost_s: 0.1 is less"),
         (LIMIT, f"{LIMIT}\n  ground_lost_s: 0.2", "limits.ground_lost_s: 0.2 is less"),
+        (LIMIT, f"{LIMIT}\n  stages: {{holding_s: 5}}", "limits.stages.holding_s: no stage ends within 5 s"),
+        (LIMIT, f"{LIMIT}\n  stages: {{returning_s: 5}}", "limits.stages.returning_s: no stage ends within"),
         (
             "battery_return_fraction: 0.3",
             "battery_return_fraction: 1.0",

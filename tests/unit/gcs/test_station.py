@@ -150,14 +150,14 @@ def test_an_orphan_becomes_traffic_and_is_called_home(world, autopilot):
     assert [v.mode for v in report.vehicles] == ["RTL"]
 
 
-def test_each_part_of_a_swarm_that_came_apart_is_told_where_the_other_is(world, autopilot, tree):
+def test_each_part_of_a_swarm_that_came_apart_is_told_where_the_other_is(world, autopilot, table):
     """We hear both; they do not hear each other."""
     world.vehicles = [autopilot(2)]
     for _ in range(10):
-        world.run(1.0, tree(1, (1, 2, 3)), tree(2, (1, 2, 3)))
+        world.run(1.0, table(1, (1, 2, 3)), table(2, (1, 2, 3)))
     assert world.told(topics.TRAFFIC) == []
     for _ in range(2):
-        world.run(1.0, tree(1, (1, 3)), tree(2, (2,)))
+        world.run(1.0, table(1, (1, 3)), table(2, (2,)))
     assert [vehicle.drone for vehicle in world.told(topics.TRAFFIC)[-1].vehicles] == [2]
 
 

@@ -134,6 +134,28 @@ def arrival() -> Arrival:
     return Arrival(arrival_m=1.0, settle_mps=0.7, settle_s=1.0, blocked_s=5.0)
 
 
+def test_a_drone_that_circles_before_an_obstacle_arrives_where_it_is() -> None:
+    """A vehicle without an agent hovers at the target: the guard steps aside for ever, and nobody stands still."""
+    watch = arrival()
+    target = (0.0, 0.0, -10.0)
+    circling = [5.0 * math.cos(0.02 * k) for k in range(400)], [5.0 * math.sin(0.02 * k) for k in range(400)]
+    reached = [
+        watch.step(0.1 * k, (north, east, -10.0), (0.0, 1.0, 0.0), target)
+        for k, (north, east) in enumerate(zip(*circling, strict=True))
+    ]
+    assert reached.index(True) == pytest.approx(200, abs=2)
+    assert all(reached[reached.index(True) :])
+    assert not watch.step(40.0, (5.0, 0.0, -10.0), (0.0, 1.0, 0.0), (50.0, 0.0, -10.0)), "a new target"
+
+
+def test_a_way_around_that_leads_away_first_is_no_block() -> None:
+    watch = arrival()
+    target = (0.0, 0.0, -10.0)
+    way = [20.0] * 50 + [20.0 + 0.1 * k for k in range(80)] + [28.0 - 0.2 * k for k in range(135)]
+    for k, north in enumerate(way):
+        assert not watch.step(0.1 * k, (north, 0.0, -10.0), (1.0, 0.0, 0.0), target)
+
+
 def test_arrival_needs_to_be_near_and_slow_for_a_while() -> None:
     watch = arrival()
     target = (10.0, 0.0, -10.0)
