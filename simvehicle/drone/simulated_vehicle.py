@@ -9,6 +9,7 @@ from functools import partial
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.mavlink.modes import Flavour, mode_name
+from flightstack.mavlink.signing import Signing
 from mission.geometry.frames import Vector3
 from simvehicle.autopilot.ardupilot import ARDUPILOT
 from simvehicle.autopilot.autopilot import Autopilot
@@ -35,8 +36,17 @@ class SimulatedVehicle:
     Raises `ValueError` for parameters that the flavour does not have.
     """
 
-    def __init__(self, spec: VehicleSpec, world: World, *, seed: int, ready_after_s: float) -> None:
-        """`ready_after_s`: from power-up until the autopilot lets itself be armed."""
+    def __init__(
+        self,
+        spec: VehicleSpec,
+        world: World,
+        *,
+        seed: int,
+        ready_after_s: float,
+        signing: Signing | None = None,
+    ) -> None:
+        """`ready_after_s`: from power-up until the autopilot lets itself be armed. `signing`: the key of
+        `spec.signing_key`, and how late it is."""
         self.spec = spec
         recipe, self._mode_name = _FLAVOURS[spec.flavour]
         self.autopilot = Autopilot(
@@ -49,6 +59,8 @@ class SimulatedVehicle:
             ready_after_s=ready_after_s,
             seed=seed,
             quiet=spec.quiet,
+            signing=signing,
+            usb_links=spec.usb_links,
         )
         self._body = self.autopilot.vehicle.body
 

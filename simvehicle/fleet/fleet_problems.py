@@ -10,6 +10,7 @@ from flightstack.transport.claims import clashes, link_claim
 from sensors.instruments.registry import instrument_type
 from sensors.instruments.samples import Quantity
 from sensors.instruments.sensor_error import SensorError
+from simvehicle.drone.drone_spec import VehicleSpec
 from simvehicle.faults.fault_table import FAULTS, FaultSpec
 from simvehicle.fleet.fleet_config import FARTHEST_HOME_M, FleetConfig
 from simvehicle.instruments import make_emulator
@@ -36,15 +37,11 @@ def problems(config: FleetConfig) -> Iterator[FleetError]:
                     f"vehicles[{index}].{field}",
                     f"is more than {FARTHEST_HOME_M / 1000:g} km from the origin",
                 )
-        carried = [instrument.name for instrument in vehicle.instruments]
-        for place, instrument in enumerate(vehicle.instruments):
-            where = f"vehicles[{index}].instruments[{place}]"
-            if instrument.name in carried[:place]:
-                yield FleetError(f"{where}.name", f"two instruments are called {instrument.name}")
-            try:
-                make_emulator(instrument.type, np.random.default_rng(0))
-            except SensorError as error:
-                yield FleetError(f"{where}.type", str(error))
+        for place in vehicle.usb_links:
+            if not 0 <= place < len(vehicle.links):
+                have = f"it has {len(vehicle.links)}, counted from 0"
+                yield FleetError(f"vehicles[{index}].usb_links", f"no link has the number {place}; {have}")
+        yield from _instrument_problems(index, vehicle)
     waiting = [
         claim
         for index, vehicle in enumerate(config.vehicles)
@@ -86,3 +83,15 @@ def what_does_not_fit(
             yield field, f'"{fault.kind}" has no {field}; remove it'
     if "unheard" in needs and fault.unheard is None:
         yield "unheard", f'"{fault.kind}" needs unheard; write remote_control or ground_link'
+
+
+def _instrument_problems(index: int, vehicle: VehicleSpec) -> Iterator[FleetError]:
+    carried = [instrument.name for instrument in vehicle.instruments]
+    for place, instrument in enumerate(vehicle.instruments):
+        where = f"vehicles[{index}].instruments[{place}]"
+        if instrument.name in carried[:place]:
+            yield FleetError(f"{where}.name", f"two instruments are called {instrument.name}")
+        try:
+            make_emulator(instrument.type, np.random.default_rng(0))
+        except SensorError as error:
+            yield FleetError(f"{where}.type", str(error))

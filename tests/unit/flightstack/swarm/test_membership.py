@@ -263,3 +263,21 @@ def test_all_know_the_same_in_the_end_whatever_was_said(
                 knows.merge(other.registers)
     assert len({knows.digest for knows in everybody.values()}) == 1
     assert all(knows.present == set(MEMBERS) for knows in everybody.values())
+
+
+def test_one_whose_word_comes_by_others_only_is_doubted_ever_more_rarely_and_never_counted_out() -> None:
+    """Drone 4 does not hear drone 2, whose answers come by way of the others, late."""
+    ears, other = Ears(4), membership(2)
+    ears.run(2.0, (1, 2, 3))
+    lives: list[int] = []
+    for _ in range(60):
+        ears.run(SETTLE_S - TICK_S, (1, 3))
+        other.merge(ears.knows.registers)
+        ears.knows.merge(other.registers)
+        lives.append(other.registers[2].life if 2 in other.registers else 0)
+    assert ears.lost == []
+    assert lives[19] >= 2
+    assert lives[-1] - lives[-20] <= 1, "it is asked once in six seconds"
+    ears.run(2.0, (1, 2, 3))
+    ears.run(SUSPECT_S + SETTLE_S + 2.0 * TICK_S, (1, 3))
+    assert ears.lost == [2], "heard again it is missed as soon as any other"
