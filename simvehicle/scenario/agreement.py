@@ -1,4 +1,4 @@
-"""What must hold between a swarm's agents: one table, a slot and a parent for everybody, and a last one that goes on."""
+"""What must hold between a swarm's agents: one table, a slot and a parent for everybody, a last one that goes on."""
 
 from __future__ import annotations
 

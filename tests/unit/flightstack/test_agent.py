@@ -126,7 +126,7 @@ def test_without_an_autopilot_it_waits_and_says_for_what(flight: AgentFlight) ->
         steerable=False,
         waiting_for="no heartbeat of the autopilot yet",
         comes_second=False,
-        place=TreePlace(0, -1, {}, None, (), None, None, -1, False),
+        place=TreePlace(0, 0, {1: 0}, None, (), None, None, 1, False),
     )
     assert flight.setpoints == []
     (state,) = told(outputs, DroneState)
