@@ -46,7 +46,7 @@ class _Draw:
             "origin": {"latitude_deg": 38.404, "longitude_deg": 14.963, "amsl_m": 300.0},
             "launch_line": {"count": self.count, "flavour": flavour, "spacing_m": 6.0, "towards_deg": 50.0},
             "formation": {"spacing_m": 10.0, "radio_range_m": 80.0},
-            "limits": {"separation_m": 4.0, "ceiling_above_home_m": 60.0},
+            "limits": {"separation_m": 4.0, "ceiling_above_home_m": 120.0},
             "geofence": {
                 "inclusion": [
                     [[38.4053, 14.9613], [38.4053, 14.9647], [38.4027, 14.9647], [38.4027, 14.9613]]
