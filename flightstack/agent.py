@@ -83,6 +83,8 @@ class AgentStatus(msgspec.Struct, frozen=True, kw_only=True):
     """What keeps the autopilot from being armed, in words; empty if nothing does."""
     comes_second: bool
     """Another agent that was running before this one says that it is this drone."""
+    place: TreePlace
+    """Its place in the swarm's tree, and the tree, as it knows them in this tick."""
 
 
 class Outputs(msgspec.Struct, frozen=True):
@@ -218,6 +220,7 @@ class Agent:
             steerable=vehicle.mode_ours,
             waiting_for=vehicle.ready_reason,
             comes_second=self._swarm.comes_second(self._ticks),
+            place=place,
         )
         return Outputs(self._session.step(now_s), sensed.to_ports, told.messages, told.events, status)
 
