@@ -12,11 +12,12 @@ from collections.abc import Callable
 
 from benchmarks import Figures
 from flightstack.recording import named_json
-from flightstack.swarm.topics import STATE, TREE, Topic
-from flightstack.swarm.wire import DroneState, Phase, TreeState
+from flightstack.swarm.topics import STATE, TABLE, Topic
+from flightstack.swarm.wire import DroneState, Phase, TableState
 from flightstack.transport.zenoh_transport import ZenohTransport
-from mission.estimation.estimates import Reading, Scalar, Wind
+from mission.estimation.estimates import Scalar, Wind
 from mission.strategies.contract import Order, Stage
+from mission.tree.slot_registers import SlotRegister, configured
 from simvehicle.survey.ports import free_ports
 
 PEERS = 20
@@ -48,16 +49,17 @@ STATE_MESSAGE = DroneState(
     healing=False,
     tracking_best_ppm=14.5,
 )
-TREE_MESSAGE = TreeState(
+TABLE_MESSAGE = TableState(
     sender=3,
     incarnation=1234567890,
+    sequence=51234,
     frame=123456789,
-    epoch=2,
-    author=1,
-    slots=tuple((drone, drone - 1) for drone in range(1, PEERS + 1)),
-    lost=(),
+    survey="7f3c2a9e01b4",
+    slots=tuple(configured(range(1, PEERS + 1)).items()),
+    members=(),
+    absent=(),
     order=Order(4, Stage.TRACK, (1.0, 2.0, -10.0), 0.5),
-    readings=tuple(Reading(n, 4, (1.5, 2.5, -10.0), 12.5, 0.25) for n in range(1, PEERS + 1)),
+    ordered_by=SlotRegister(0, 1),
 )
 
 PEER = """
@@ -97,9 +99,9 @@ def microseconds(action: Callable[[], object], times: int = 2000) -> float:
 
 def codecs() -> None:
     print(f"{'message':<28} {'bytes':>6} {'encode us':>10} {'decode us':>10} {'json bytes':>11}")
-    cases: tuple[tuple[str, Topic, DroneState | TreeState], ...] = (
+    cases: tuple[tuple[str, Topic, DroneState | TableState], ...] = (
         ("state", STATE, STATE_MESSAGE),
-        (f"tree of {PEERS} with readings", TREE, TREE_MESSAGE),
+        (f"table of {PEERS}", TABLE, TABLE_MESSAGE),
     )
     for what, topic, message in cases:
         data = topic.codec.encode(message)

@@ -32,6 +32,7 @@ from flightstack.swarm import topics
 from flightstack.swarm.announcements import OwnFacts
 from flightstack.swarm.member import SwarmMember, SwarmView
 from flightstack.swarm.news import Note, TextNotes
+from flightstack.swarm.parting import Part
 from flightstack.swarm.topics import Received
 from flightstack.swarm.wire import Event, Phase, Severity
 from mission.geometry.formation import make_layout
@@ -117,6 +118,7 @@ class Agent:
             self._layout,
             frame_identity=self.frame.identity,
             incarnation=incarnation,
+            suspect_after_s=config.limits.peer_suspected_s,
             lost_after_s=config.limits.peer_lost_s,
             tick_s=1.0 / config.tick_hz,
         )
@@ -125,7 +127,7 @@ class Agent:
         self._layer_above_home_m = config.formation.above_home_m + config.formation.layer_gap_m * (layer + 1)
         self._homecoming = Homecoming(config.limits, fence, -self._layer_above_home_m)
         self._leaving = Leaving(config.limits, fence, config.origin.amsl_m)
-        self._slot = SlotTransfer()
+        self._slot = SlotTransfer(config.limits.separation_m)
         self._bounds = StageBounds(config.limits, fence)
         self._obedience = Obedience(config.limits.floor_above_home_m)
         self._strategy = self._new_strategy()
@@ -150,7 +152,7 @@ class Agent:
         self._session.receive(now_s, inputs.autopilot)
         vehicle = self._session.report
         received = (Received(topics.TOPICS[m.topic], m.sender, m.payload) for m in inputs.peers)
-        swarm = self._swarm.step(now_s, received, self._decision, vehicle.position_ned_m)
+        swarm = self._swarm.step(now_s, received, self.phase.phase, self._decision, vehicle.position_ned_m)
         notes = [*self._storage_notes(inputs.storage), *swarm.refused]
         notes += self._texts.notes(now_s, vehicle.new_texts)
         if vehicle.stood_still_s:
@@ -228,7 +230,7 @@ class Agent:
         return [Note(Severity.INFO, "recording", "the flight is recorded again")]
 
     def _begin(self, now_s: float, survey: str) -> None:
-        """A survey starts: a new tree, a new strategy, nothing remembered of the one before."""
+        """A survey starts: a new table, a new strategy, nothing remembered of the one before."""
         self._swarm.begin(now_s, survey, (0.0, 0.0, -self.config.formation.above_home_m))
         self._bounds.begin()
         self._strategy = self._new_strategy()
@@ -320,9 +322,10 @@ class Agent:
             formed_up=slot.formed_up,
             over_home=self._homecoming.over_home,
             stuck=self._homecoming.stuck,
-            shut_out=swarm.shut_out,
             must_return=self._leaving.step(now_s, leaving) or end.leaves,
             overdue=end.lands,
+            parted=swarm.part is Part.SMALLER,
+            flies_on=swarm.flies_on,
             has_twin=swarm.has_twin,
         )
 
@@ -364,7 +367,7 @@ class Agent:
                 return GoTo(over_the_top(position, target, -self._layer_above_home_m))
             case Phase.RETURNING:
                 return self._homecoming.intent(position)
-            case Phase.SEARCHING | Phase.TRACKING:
+            case Phase.SEARCHING | Phase.TRACKING if place.slot >= 0:
                 if self._formed_s is None:
                     self._formed_s = now_s
                 if slot.transferring and target is not None:

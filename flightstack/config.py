@@ -17,6 +17,7 @@ DroneId = Annotated[int, Meta(ge=1, le=250)]
 """Also the MAVLink system id of the drone's autopilot."""
 NodeName = Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")]
 """Of a node that is no drone; it must not look like a drone's number."""
+SiteName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")]
 
 
 class Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -33,6 +34,9 @@ class SwarmConfig(Section, frozen=True, kw_only=True):
     """zenoh endpoints to connect to, for ever. Best is one list of all nodes', ground stations included, the same on
     every node: each pair then has one connection that is made again whatever happens (docs/decisions/0002)."""
     tls: TlsConfig | None = None
+    site: SiteName | None = None
+    """Where this node is, if a zenoh router joins several sites; its endpoint then stands first in `connect`
+    (docs/sites.md)."""
 
 
 class TlsConfig(Section, frozen=True, kw_only=True):
@@ -52,6 +56,9 @@ class TlsConfig(Section, frozen=True, kw_only=True):
 class AutopilotConfig(Section, frozen=True, kw_only=True):
     link: str
     """As pymavlink writes it: "/dev/ttypixhawk,115200", "udpin:127.0.0.1:14541", "tcp:127.0.0.1:5760"."""
+    signing_key: str | None = None
+    """File with the key that MAVLink is signed with on this link, its path relative to this file's directory. None:
+    nothing is signed, and everything is believed."""
     flavour: Literal["auto", "ardupilot", "px4"] = "auto"
     """"auto" believes the autopilot's own heartbeat."""
     ready_timeout_s: Positive = 180.0
@@ -126,8 +133,10 @@ class LimitsConfig(Section, frozen=True, kw_only=True):
     ceiling_above_home_m: Positive = 60.0
     fence_margin_m: NotNegative = 3.0
     """The guard keeps this distance from every fence line."""
+    peer_suspected_s: Positive = 0.8
+    """Silence after which a member is missed; it counts as lost half a second later, unless it objects."""
     peer_lost_s: Positive = 3.0
-    """Silence after which a member counts as lost."""
+    """Silence of several members at once after which the swarm counts as come apart."""
     ground_lost_s: Positive | None = None
     """Silence of the ground station after which the survey is aborted; None: the swarm goes on without it."""
     position_stale_s: Positive = 1.0

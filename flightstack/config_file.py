@@ -11,6 +11,7 @@ import msgspec
 from flightstack.config import DroneConfig, FormationConfig, LimitsConfig
 from flightstack.limit_checks import formation_problems, limit_problems, name_problems, parameter_problems
 from flightstack.mavlink.link import LinkError, check_link
+from flightstack.mavlink.signing_store import SigningKeyError, read_key
 from flightstack.sensing.filter_stage import co2_settings, wind_settings
 from flightstack.transport.access_rules import access_problems
 from flightstack.transport.certificates import beside, check_files
@@ -44,12 +45,23 @@ def load(path: str | pathlib.Path) -> DroneConfig:
     fence, warnings = read_section(written.geofence, file, text)
     for warning in warnings:
         log.warning("%s", warning)
-    swarm = beside(written.swarm, pathlib.Path(path).parent)
-    config = DroneConfig(**msgspec.structs.asdict(written) | {"geofence": fence, "swarm": swarm})
+    directory = pathlib.Path(path).parent
+    swarm, autopilot = beside(written.swarm, directory), written.autopilot
+    if autopilot.signing_key is not None:
+        key = str(directory / autopilot.signing_key)
+        autopilot = msgspec.structs.replace(autopilot, signing_key=key)
+    parts = {"geofence": fence, "swarm": swarm, "autopilot": autopilot}
+    config = DroneConfig(**msgspec.structs.asdict(written) | parts)
     for field, problem in problems(config):
         raise DocumentError(file, problem, line=line_of(text, field), field=field)
     for problem in check_files(config.swarm, config.drone):
         raise DocumentError(file, problem, line=line_of(text, "swarm.tls"), field="swarm.tls")
+    if config.autopilot.signing_key is not None:
+        try:
+            read_key(pathlib.Path(config.autopilot.signing_key))
+        except SigningKeyError as error:
+            field = "autopilot.signing_key"
+            raise DocumentError(file, str(error), line=line_of(text, field), field=field) from error
     return config
 
 

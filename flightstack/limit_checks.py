@@ -21,6 +21,7 @@ _MOST: Final = {
     "floor_above_home_m": 5000.0,
     "ceiling_above_home_m": 5000.0,
     "fence_margin_m": 1000.0,
+    "peer_suspected_s": 600.0,
     "peer_lost_s": 600.0,
     "position_stale_s": 60.0,
 }
@@ -30,6 +31,7 @@ _LEAST: Final = {
     "climb_mps": 0.1,
     "descent_mps": 0.1,
     "acceleration_mps2": 0.1,
+    "peer_suspected_s": 0.5,
     "peer_lost_s": 0.5,
     "position_stale_s": 0.2,
     "ground_lost_s": 1.0,

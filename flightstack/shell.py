@@ -7,10 +7,13 @@ send it.
 from __future__ import annotations
 
 import dataclasses
+import pathlib
 
 from flightstack.agent import Inputs, Outputs, PeerMessage
 from flightstack.config import DroneConfig
 from flightstack.mavlink.link import ByteLink, LinkError, open_link
+from flightstack.mavlink.link.signed_link import SignedLink
+from flightstack.mavlink.signing_store import SigningKeyError, SigningStore
 from flightstack.recording.clock import Clock
 from flightstack.sensing.filter_stage import PortInput
 from flightstack.swarm.topics import RECEIVED_BY_DRONES, TOPICS
@@ -55,12 +58,22 @@ class Shell:
         self.link.close()
 
 
-def open_shell(config: DroneConfig, clock: Clock, file: str = "configuration") -> Shell:
-    """Open everything that the configuration names. What cannot be opened raises with one clear line."""
+def _open_autopilot(config: DroneConfig, file: str) -> ByteLink:
+    key = config.autopilot.signing_key
+    try:
+        store = None if key is None else SigningStore(pathlib.Path(key))
+    except SigningKeyError as error:
+        raise fault_of(file, "autopilot.signing_key", str(error)) from error
     try:
         link = open_link(config.autopilot.link)
     except LinkError as error:
         raise fault_of(file, "autopilot.link", str(error)) from error
+    return link if store is None else SignedLink(link, store, 0)
+
+
+def open_shell(config: DroneConfig, clock: Clock, file: str = "configuration") -> Shell:
+    """Open everything that the configuration names. What cannot be opened raises with one clear line."""
+    link = _open_autopilot(config, file)
     try:
         transport = ZenohTransport(
             config.swarm.name,
@@ -70,6 +83,7 @@ def open_shell(config: DroneConfig, clock: Clock, file: str = "configuration") -
             receives=RECEIVED_BY_DRONES,
             tls=config.swarm.tls,
             members=config.swarm.members,
+            site=config.swarm.site,
         )
         heard = behind_radio(transport, config.drone, config.radio, clock.now_s)
     except TransportError as error:

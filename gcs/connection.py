@@ -39,6 +39,8 @@ class Connection:
     """Endpoints of the running station on this machine: its network is ours."""
     unresolved: tuple[str, ...] = ()
     """Of endpoints whose host has no address now, one sentence each: nobody is reached there."""
+    site: str | None = None
+    """Where this machine is, if a router joins several sites."""
 
     def local_fence(self) -> LocalFence | None:
         if self.fence is None or self.frame is None:
@@ -56,7 +58,9 @@ class Connection:
         """Join the swarm. `TransportError` says what is wrong with the endpoints."""
         from flightstack.transport.zenoh_transport import ZenohTransport
 
-        return ZenohTransport(self.swarm, node, self.listen(), self.connect, RECEIVED, self.tls, self.members)
+        return ZenohTransport(
+            self.swarm, node, self.listen(), self.connect, RECEIVED, self.tls, self.members, self.site
+        )
 
     def listen(self) -> tuple[str, ...]:
         """Where this short-lived node can be reached, at ports that the system chooses.
@@ -129,6 +133,7 @@ def from_config(config: GroundConfig, file: pathlib.Path, connect: Sequence[str]
         config.station,
         config.swarm.listen,
         tuple(f"{file}: {endpoint}: {problem}" for endpoint, problem in problems.items() if problem),
+        config.swarm.site,
     )
 
 

@@ -8,8 +8,11 @@ import logging
 import pathlib
 import random
 import time
+from collections.abc import Iterator
 
 from flightstack.mavlink.link import ByteLink, LinkError, open_link
+from flightstack.mavlink.link.signed_link import SignedLink
+from flightstack.mavlink.signing_store import SigningKeyError, SigningStore
 from flightstack.recording.background_file import make_directory
 from flightstack.recording.clock import Clock, make_clock
 from flightstack.recording.recorder import FlightRecorder, RecordingError, TlogWriter
@@ -92,12 +95,9 @@ def serve(config: GroundConfig, file: pathlib.Path) -> int:
     directory = _directory(config, file)
     with contextlib.ExitStack() as opened:
         links: list[ByteLink] = []
-        for index, text in enumerate(config.mavlink.links):
-            try:
-                links.append(open_link(text))
-            except LinkError as error:
-                raise fault_of(str(file), f"mavlink.links[{index}]", str(error)) from error
-            opened.callback(links[-1].close)
+        for link in _open_links(config, file):
+            links.append(link)
+            opened.callback(link.close)
         try:
             transport = ZenohTransport(
                 config.swarm.name,
@@ -107,6 +107,7 @@ def serve(config: GroundConfig, file: pathlib.Path) -> int:
                 RECEIVED,
                 config.swarm.tls,
                 config.swarm.members,
+                config.swarm.site,
             )
         except TransportError as error:
             raise fault_of(str(file), faulty_field(error), str(error)) from error
@@ -128,6 +129,21 @@ def serve(config: GroundConfig, file: pathlib.Path) -> int:
         _loop(config, station, clock, heard, links, recordings, stop)
     log.info("ground station %s stopped", config.station)
     return 0
+
+
+def _open_links(config: GroundConfig, file: pathlib.Path) -> Iterator[ByteLink]:
+    key = config.mavlink.signing_key
+    try:
+        store = None if key is None else SigningStore(pathlib.Path(key))
+    except SigningKeyError as error:
+        raise fault_of(str(file), "mavlink.signing_key", str(error)) from error
+    for index, text in enumerate(config.mavlink.links):
+        try:
+            link = open_link(text)
+        except LinkError as error:
+            raise fault_of(str(file), f"mavlink.links[{index}]", str(error)) from error
+        # The link's own number; the commands of this station have others.
+        yield link if store is None else SignedLink(link, store, index % 100)
 
 
 def _in_short(problems: set[str]) -> str:

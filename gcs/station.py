@@ -103,6 +103,7 @@ class Station:
         self._early: dict[int, list[Frame]] = {}
         self._log: list[tuple[Severity, str]] = []
         self._texts = VehicleTexts()
+        self._signers: set[int] = set()
         self._sent_s: dict[str, float] = {}
         self._sequence = 0
 
@@ -144,6 +145,20 @@ class Station:
                         now_s, message.fields.command, message.fields.result
                     )
             self._log_frame(Frame(frame.system, frame.data))
+        if self.config.mavlink.signing_key is None:
+            self._tell_signers(codec)
+
+    def _tell_signers(self, codec: MavlinkCodec) -> None:
+        """Vehicles with a key that we have not: we hear them, and they may not hear us."""
+        for system, component in codec.signers:
+            if (
+                component == AUTOPILOT_COMPONENT
+                and self.fleet.is_member(system)
+                and system not in self._signers
+            ):
+                self._signers.add(system)
+                text = f"drone {system} signs, and may obey nobody without its key: set mavlink.signing_key"
+                self._log.append((Severity.WARNING, text))
 
     def _look_for_rival(self, now_s: float, index: int, message: MavlinkMessage) -> None:
         """Another ground station's heartbeat under our system id; our own comes back with our mark in it."""

@@ -20,6 +20,7 @@ from flightstack.config import (
     SwarmConfig,
 )
 from flightstack.mavlink.link import LinkError, check_link
+from flightstack.mavlink.signing_store import SigningKeyError, read_key
 from flightstack.transport.access_rules import access_problems
 from flightstack.transport.certificates import beside, check_files
 from flightstack.transport.claims import Claim, clashes, endpoint_claim, link_claim
@@ -37,6 +38,9 @@ class MavlinkConfig(Section, frozen=True, kw_only=True):
     links: tuple[str, ...] = ()
     """As pymavlink writes them: "udpin:0.0.0.0:14550", "tcp:127.0.0.1:5760", "/dev/ttyUSB0,57600". All
     vehicles may share one; a vehicle heard on several is one vehicle."""
+    signing_key: str | None = None
+    """File with the key that MAVLink is signed with on all links, its path relative to this file's directory. None:
+    nothing is signed, and everything is believed."""
     system: Annotated[int, Meta(ge=1, le=255)] = 255
     """Our own system id. Two ground stations that hear the same vehicles need different ones."""
 
@@ -104,12 +108,22 @@ def load(path: str | pathlib.Path) -> GroundConfig:
     fence, warnings = read_section(written.geofence, file, text)
     for warning in warnings:
         log.warning("%s", warning)
-    swarm = beside(written.swarm, pathlib.Path(path).parent)
-    config = GroundConfig(**msgspec.structs.asdict(written) | {"geofence": fence, "swarm": swarm})
+    directory = pathlib.Path(path).parent
+    swarm, mavlink = beside(written.swarm, directory), written.mavlink
+    if mavlink.signing_key is not None:
+        mavlink = msgspec.structs.replace(mavlink, signing_key=str(directory / mavlink.signing_key))
+    parts = {"geofence": fence, "swarm": swarm, "mavlink": mavlink}
+    config = GroundConfig(**msgspec.structs.asdict(written) | parts)
     for field, problem in problems(config):
         raise DocumentError(file, problem, line=line_of(text, field), field=field)
     for problem in check_files(config.swarm, config.station):
         raise DocumentError(file, problem, line=line_of(text, "swarm.tls"), field="swarm.tls")
+    if config.mavlink.signing_key is not None:
+        try:
+            read_key(pathlib.Path(config.mavlink.signing_key))
+        except SigningKeyError as error:
+            field = "mavlink.signing_key"
+            raise DocumentError(file, str(error), line=line_of(text, field), field=field) from error
     return config
 
 

@@ -53,6 +53,7 @@ PROBLEM_S = 2.0
 STOOD_STILL_S = 0.9
 """Without a setpoint for a second PX4 takes Offboard for lost (COM_OF_LOSS_T), ArduPilot stops (GUID_TIMEOUT)."""
 RESULTS_KEPT = 32
+_NEEDS_KEY = "autopilot signs what it says, and may obey nobody without its key: set autopilot.signing_key"
 
 _NEEDED_HZ = {
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
@@ -173,6 +174,9 @@ class AutopilotSession:
             notes = tuple(f"autopilot does not send {layout(kind).name}" for kind in missing)
             if self._vehicle.is_contested(self._now_s):
                 notes = (*notes, "another autopilot speaks under our system id: every vehicle needs its own")
+            ids = self._vehicle.system, self._vehicle.component
+            if self._config.signing_key is None and ids in self._codec.signers:
+                notes = (*notes, _NEEDS_KEY)
             notes += self._warnings
             notes += tuple(note for note in (self._fence_warning, self._withheld) if note)
             self._report = self._vehicle.report(self._now_s, refusal, notes, self._stood_still_s)

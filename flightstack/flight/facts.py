@@ -36,18 +36,20 @@ class SwarmFacts(msgspec.Struct, frozen=True):
 
     order: Order | None
     member: bool
-    """The tree still counts this drone in."""
+    """It holds a slot."""
     formed_up: bool
     """In its slot, or as near to it as it gets."""
     over_home: bool
     """Above its own home and low enough for the autopilot's landing."""
     stuck: bool
     """Returning, and no nearer to home for long: something is in the way that does not move."""
-    shut_out: bool
-    """The others fly a survey that does not count this drone in."""
     must_return: str
     """Why this drone cannot go on (battery, sensor, ground station lost), empty if it can."""
     overdue: str = ""
     """Why the way home must end where the drone is, empty if it need not."""
+    parted: bool = False
+    """It must return because the swarm has come apart, and this is the smaller part."""
+    flies_on: bool = False
+    """Others that take part in the survey are heard steadily."""
     has_twin: bool = False
     """Another agent says, now, that it is this drone."""

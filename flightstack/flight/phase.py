@@ -14,7 +14,14 @@ from collections.abc import Sequence
 import msgspec
 
 from flightstack.flight.facts import SwarmFacts, VehicleFacts
-from flightstack.flight.transitions import IN_THE_AIR, STEERING, TRANSITIONS, FlightEvent, following
+from flightstack.flight.transitions import (
+    IN_FORMATION,
+    IN_THE_AIR,
+    STEERING,
+    TRANSITIONS,
+    FlightEvent,
+    following,
+)
 from flightstack.swarm.news import Note
 from flightstack.swarm.wire import TAKING_PART, Command, CommandName, CommandOutcome, Phase, Result, Severity
 from mission.strategies.contract import Stage
@@ -29,6 +36,13 @@ TAKES_CONTROL = frozenset(
     {FlightEvent.START, FlightEvent.ARMED, FlightEvent.AT_ALTITUDE, FlightEvent.RESUME, FlightEvent.ABORT}
 )
 """The events after which our mode is asked for: until it has come, it is not lost."""
+
+SLOTLESS_S = 1.0
+"""How long a drone in formation may be without a slot before it counts as put out: two that claim one slot settle it
+sooner."""
+
+NO_SLOT_S = 60.0
+"""How long one in the air waits for a slot before it goes home."""
 
 DOWNWARDS = frozenset({CommandName.ABORT, CommandName.RTL, CommandName.LAND})
 """The commands that bring a drone to the ground."""
@@ -82,6 +96,9 @@ class FlightPhase:
         self._taken_before = ""
         """How authority had been lost when we asked; a text may add to it later."""
         self._down_since_s: float | None = None
+        self._slotless_since_s: float | None = None
+        self._may_rejoin = False
+        """It goes home only because it was cut off from the swarm."""
         self._had_crashed_with_pilot = False
         self._wreck_was_disarmed = False
         self._answered: dict[str, CommandOutcome] = {}
@@ -172,8 +189,6 @@ class FlightPhase:
             case CommandName.RESUME:
                 if to is self.phase:
                     return ""
-                if not swarm.member:
-                    return "no longer in the swarm's tree: use abort (return in good order), rtl or land"
                 if to is None or not vehicle.airborne:
                     return f"nothing to resume: the drone is {self.phase}"
             case CommandName.ABORT | CommandName.RTL | CommandName.LAND:
@@ -194,13 +209,12 @@ class FlightPhase:
             return f"it has crashed ({vehicle.crash}): look at it, then restart its autopilot"
         if swarm.has_twin:
             return f"another agent says that it is drone {self._drone} too: stop one of them"
-        if swarm.shut_out:
-            return "the others fly a survey that has counted this drone out: it can take part in the next"
         return swarm.must_return
 
     def _obey(self, now_s: float, name: CommandName, vehicle: VehicleFacts) -> None:
         why = WHY[name]
         self._taken_before = vehicle.taken_reason
+        self._may_rejoin = False
         if name in DOWNWARDS:
             if self.phase is Phase.ARMING:
                 self._prompt = Ask.DISARM if vehicle.armed else None
@@ -287,6 +301,8 @@ class FlightPhase:
     def _returning(self, now_s: float, vehicle: VehicleFacts, swarm: SwarmFacts) -> None:
         if not vehicle.armed and not vehicle.airborne:
             self._happen(now_s, FlightEvent.DOWN, "on the ground, disarmed")
+        elif self._may_rejoin and swarm.flies_on and not swarm.must_return:
+            self._happen(now_s, FlightEvent.REJOIN, "it hears the swarm again", code="rejoin")
         elif swarm.over_home:
             self._happen(now_s, FlightEvent.OVER_HOME, "over home")
         elif swarm.stuck or swarm.overdue:
@@ -306,11 +322,10 @@ class FlightPhase:
 
     def _follow_the_swarm(self, now_s: float, swarm: SwarmFacts) -> None:
         stage = swarm.order.stage if swarm.order else None
+        if swarm.member:
+            self._slotless_since_s = None
         if swarm.must_return:
-            self._happen(now_s, FlightEvent.GO_HOME, swarm.must_return, Severity.WARNING, "leaving")
-        elif not swarm.member:
-            why = "the swarm has counted this drone out"
-            self._happen(now_s, FlightEvent.GO_HOME, why, Severity.WARNING, "leaving")
+            self._go_home(now_s, swarm.must_return, may_rejoin=swarm.parted)
         elif stage is Stage.FOUND:
             self._happen(now_s, FlightEvent.GO_HOME, "the source is found")
         elif stage is Stage.GIVE_UP:
@@ -322,10 +337,25 @@ class FlightPhase:
         elif self.phase is Phase.FORMING and swarm.formed_up:
             event = FlightEvent.TRACK if stage is Stage.TRACK else FlightEvent.SEARCH
             self._happen(now_s, event, "in formation")
+        elif not swarm.member:
+            self._wait_for_a_slot(now_s)
         elif self.phase is Phase.SEARCHING and stage is Stage.TRACK:
             self._happen(now_s, FlightEvent.TRACK, "following the plume")
         elif self.phase is Phase.TRACKING and stage is Stage.SEARCH:
             self._happen(now_s, FlightEvent.SEARCH, "plume lost")
+
+    def _wait_for_a_slot(self, now_s: float) -> None:
+        if self._slotless_since_s is None:
+            self._slotless_since_s = now_s
+        elif now_s - self._slotless_since_s > NO_SLOT_S:
+            self._go_home(now_s, f"no slot in the swarm for {NO_SLOT_S:.0f} s", may_rejoin=False)
+        elif now_s - self._slotless_since_s > SLOTLESS_S and self.phase in IN_FORMATION:
+            why = "its slot was given away, it takes the next free one"
+            self._happen(now_s, FlightEvent.REJOIN, why, code="rejoin")
+
+    def _go_home(self, now_s: float, why: str, *, may_rejoin: bool) -> None:
+        self._happen(now_s, FlightEvent.GO_HOME, why, Severity.WARNING, "leaving")
+        self._may_rejoin = may_rejoin
 
     def _notice_the_ground(self, now_s: float, vehicle: VehicleFacts) -> None:
         """A drone that fell, or was disarmed, takes no part any more: the others must hear that it left."""
@@ -380,6 +410,9 @@ class FlightPhase:
         self._follows_failsafe = event in (FlightEvent.FAILSAFE_RETURNS, FlightEvent.FAILSAFE_LANDS)
         if self.phase is before:
             return
+        self._may_rejoin = False
+        if before not in TAKING_PART:
+            self._slotless_since_s = None
         if event in TAKES_CONTROL:
             self._control_since_s = now_s
         if why is not None:

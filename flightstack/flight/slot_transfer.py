@@ -19,8 +19,11 @@ from mission.strategies.arrival import Arrival
 AT_SLOT_M = 1.2
 
 APPROACH_BLOCKED_S = 20.0
-"""A drone that has stood still for so long on its way to its slot comes no nearer: a vehicle whose agent died may
-hover in the slot, and the swarm would wait until its battery is empty."""
+"""How long a drone may stand still on its way to its slot, or be beside it and come no nearer: a vehicle whose agent
+died may hover in the slot, and the swarm would wait until its battery is empty."""
+
+NEARER_M = 0.5
+"""What counts as having come nearer: the guard steps aside before that vehicle, to and fro."""
 
 TRANSFER_LIMIT_S = 60.0
 """How long the swarm waits for an heir on its way to the empty slot."""
@@ -47,9 +50,14 @@ class SlotStep(msgspec.Struct, frozen=True):
 class SlotTransfer:
     """The state of one drone. `step` is called once a tick."""
 
-    def __init__(self) -> None:
+    def __init__(self, separation_m: float) -> None:
+        """`separation_m`: no two drones come nearer than this, so twice as far from its slot a drone may be kept."""
+        self._beside_m = 2.0 * separation_m
         self.state = SlotState.SETTLED
         self._since_s = 0.0
+        self._nearest_m = math.inf
+        self._nearest_s = 0.0
+        """When it last came nearer to its slot than it had been on this way."""
         self._approach = Arrival(
             arrival_m=AT_SLOT_M, settle_mps=math.inf, settle_s=0.0, blocked_s=APPROACH_BLOCKED_S
         )
@@ -75,9 +83,13 @@ class SlotTransfer:
             and velocity_ned_mps is not None
         ):
             there = self._approach.step(now_s, position_ned_m, velocity_ned_mps, slot_ned_m)
+            distance_m = math.dist(position_ned_m, slot_ned_m)
+            if distance_m > self._beside_m or distance_m < self._nearest_m - NEARER_M:
+                self._nearest_m, self._nearest_s = distance_m, now_s
         else:
             self._approach.interrupt()
-        if self.state is SlotState.TRANSFER and (there or now_s - self._since_s > TRANSFER_LIMIT_S):
+        held_up = now_s - self._nearest_s > APPROACH_BLOCKED_S or now_s - self._since_s > TRANSFER_LIMIT_S
+        if self.state is SlotState.TRANSFER and (there or held_up):
             self.state = SlotState.SETTLED
             self._approach.interrupt()
         return SlotStep(self.state, there and self.state is SlotState.FORMING_UP)
@@ -87,5 +99,6 @@ class SlotTransfer:
             self.state = SlotState.FORMING_UP
         elif phase in IN_FORMATION and moved:
             self.state, self._since_s = SlotState.TRANSFER, now_s
+            self._nearest_m, self._nearest_s = math.inf, now_s
         elif self.state is SlotState.FORMING_UP or phase not in IN_FORMATION | {Phase.HOLDING}:
             self.state = SlotState.SETTLED

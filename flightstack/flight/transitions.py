@@ -58,6 +58,8 @@ class FlightEvent(enum.StrEnum):
     """In its slot, and the swarm follows a plume."""
     GO_HOME = "go_home"
     """The survey is over, or this drone cannot go on with it."""
+    REJOIN = "rejoin"
+    """It takes the next slot that is free: its own was given away, or it hears the swarm again on its way home."""
     OVER_HOME = "over_home"
     BLOCKED = "blocked"
     """The way home is, for long."""
@@ -111,6 +113,7 @@ TRANSITIONS: dict[tuple[Phase, FlightEvent], Phase] = {
     (Phase.SEARCHING, FlightEvent.DOWN): Phase.LANDED,
     (Phase.SEARCHING, FlightEvent.TRACK): Phase.TRACKING,
     (Phase.SEARCHING, FlightEvent.GO_HOME): Phase.RETURNING,
+    (Phase.SEARCHING, FlightEvent.REJOIN): Phase.FORMING,
     (Phase.TRACKING, FlightEvent.START): Phase.TRACKING,
     (Phase.TRACKING, FlightEvent.PAUSE): Phase.HOLDING,
     (Phase.TRACKING, FlightEvent.RESUME): Phase.TRACKING,
@@ -121,6 +124,7 @@ TRANSITIONS: dict[tuple[Phase, FlightEvent], Phase] = {
     (Phase.TRACKING, FlightEvent.DOWN): Phase.LANDED,
     (Phase.TRACKING, FlightEvent.SEARCH): Phase.SEARCHING,
     (Phase.TRACKING, FlightEvent.GO_HOME): Phase.RETURNING,
+    (Phase.TRACKING, FlightEvent.REJOIN): Phase.FORMING,
     (Phase.HOLDING, FlightEvent.PAUSE): Phase.HOLDING,
     (Phase.HOLDING, FlightEvent.RESUME): Phase.FORMING,
     (Phase.HOLDING, FlightEvent.ABORT): Phase.RETURNING,
@@ -136,6 +140,7 @@ TRANSITIONS: dict[tuple[Phase, FlightEvent], Phase] = {
     (Phase.RETURNING, FlightEvent.DOWN): Phase.LANDED,
     (Phase.RETURNING, FlightEvent.OVER_HOME): Phase.LANDING,
     (Phase.RETURNING, FlightEvent.BLOCKED): Phase.LANDING,
+    (Phase.RETURNING, FlightEvent.REJOIN): Phase.FORMING,
     # A failsafe is followed down, unless a person takes the vehicle out of it.
     **dict.fromkeys(((phase, FlightEvent.FAILSAFE_RETURNS) for phase in _NOT_OURS), Phase.RTL),
     **dict.fromkeys(((phase, FlightEvent.FAILSAFE_LANDS) for phase in _NOT_OURS), Phase.LANDING),

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.mavlink.fields import layout
-from flightstack.mavlink.framing import FrameFinder, MavlinkFrame, pack_frame
+from flightstack.mavlink.framing import FrameFinder, MavlinkFrame, is_signed, pack_frame
 from flightstack.mavlink.sequence import SequenceFilter
 
 SENDERS_AT_MOST = 1024
@@ -67,6 +67,8 @@ class MavlinkCodec:
         self._finder = FrameFinder()
         self._senders: dict[tuple[int, int], SequenceFilter] = {}
         self._packer = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+        self.signers: set[tuple[int, int]] = set()
+        """System and component of who signs what they say, with whatever key."""
         self.late_frames = 0
         """Wanted frames that came twice, or after a newer one."""
 
@@ -85,7 +87,7 @@ class MavlinkCodec:
         return [Reception(found, self._message(now_s, found)) for found in self._finder.find(data)]
 
     def _message(self, now_s: float, whole: MavlinkFrame) -> MavlinkMessage | None:
-        kind, sequence, system, component, payload, _ = whole
+        kind, sequence, system, component, payload, data = whole
         foreign = self._only_system is not None and system != self._only_system
         if foreign and kind != mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             return None
@@ -94,6 +96,8 @@ class MavlinkCodec:
             if len(self._senders) >= SENDERS_AT_MOST:
                 self._forget_one()
             sender = self._senders[system, component] = SequenceFilter(self._events)
+        if is_signed(data):
+            self.signers.add((system, component))
         is_news = sender.is_news(now_s, sequence, kind)
         if kind not in self._wanted:
             return None
@@ -104,7 +108,9 @@ class MavlinkCodec:
 
     def _forget_one(self) -> None:
         """The sender that was heard longest ago."""
-        del self._senders[min(self._senders, key=lambda ids: self._senders[ids].heard_s)]
+        oldest = min(self._senders, key=lambda ids: self._senders[ids].heard_s)
+        del self._senders[oldest]
+        self.signers.discard(oldest)
 
     def is_answer_to_us(self, message: MavlinkMessage) -> bool:
         """Whether a COMMAND_ACK is for us. Without the extension fields (MAVLink 1) nobody knows whom it answers."""

@@ -47,7 +47,10 @@ class MavlinkFrame(NamedTuple):
 class FrameFinder:
     """Cuts the bytes of one link into frames; `bad_frames` counts what looked like one and was none."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, known_only: bool = False) -> None:
+        """`known_only`: what the dialect does not know is no frame. It has no checksum that can be proven, so
+        that who makes one up takes with it what others say next."""
+        self._known_only = known_only
         self._rest = b""
         self.bad_frames = 0
 
@@ -74,7 +77,9 @@ class FrameFinder:
                 stop = after_body + CHECKSUM_LENGTH
                 kind = buffer[start + 5]
                 identity = start + 2
-            if sound and stop > end - (kind not in _CHECKSUM_SEEDS):  # of those the next byte must be seen
+            unknown = kind not in _CHECKSUM_SEEDS
+            sound = sound and not (unknown and self._known_only)
+            if sound and stop > end - unknown:  # of the unknown the next byte must be seen
                 break
             if sound and _is_frame(buffer, start, after_body, stop, kind):
                 sequence, system, component = buffer[identity : identity + 3]
@@ -120,5 +125,24 @@ def pack_frame(kind: int, sequence: int, system: int, component: int, payload: b
     header = _V2_HEADER.pack(
         V2_MAGIC, len(payload), 0, 0, sequence, system, component, kind & 0xFFFF, kind >> 16
     )
-    checksum = _checksum(header[1:] + payload, _CHECKSUM_SEEDS[kind])
-    return header + payload + checksum.to_bytes(2, "little")
+    return _closed(kind, header + payload)
+
+
+def is_signed(frame: bytes) -> bool:
+    """Whether a frame has a signature, be it right or wrong. MAVLink 1 has none."""
+    return frame[0] == V2_MAGIC and bool(frame[2] & SIGNED)
+
+
+def with_signed_flag(frame: bytes) -> bytes:
+    """An unsigned MAVLink 2 frame as it stands before its signature: told to have one, and summed up again.
+
+    KeyError if the dialect has no message of its kind.
+    """
+    body = bytearray(frame[:-CHECKSUM_LENGTH])
+    body[2] |= SIGNED
+    return _closed(int.from_bytes(frame[7:10], "little"), bytes(body))
+
+
+def _closed(kind: int, body: bytes) -> bytes:
+    """A frame's header and payload, and their checksum."""
+    return body + _checksum(body[1:], _CHECKSUM_SEEDS[kind]).to_bytes(CHECKSUM_LENGTH, "little")

@@ -17,32 +17,47 @@ import msgspec
 
 from flightstack.swarm.topics import Received
 from flightstack.swarm.wire import (
+    NEVER,
     Command,
     CommandOutcome,
     DroneState,
     Event,
     GroundBeat,
     GroundReport,
+    MemberRegister,
+    ReadingsState,
+    TableState,
     Traffic,
     TrafficVehicle,
-    TreeState,
     WireError,
 )
 from mission.documents.printable import printable
 from mission.estimation.estimates import Reading, Scalar, Wind
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Decision, GoTo, Order, Velocity
+from mission.tree.balanced_tree import NOBODY
+from mission.tree.slot_registers import SlotRegister
 
-Message = DroneState | TreeState | Command | CommandOutcome | Event | Traffic | GroundBeat | GroundReport
+Message = (
+    DroneState
+    | TableState
+    | ReadingsState
+    | Command
+    | CommandOutcome
+    | Event
+    | Traffic
+    | GroundBeat
+    | GroundReport
+)
 
 FARTHEST_M = 100_000.0
 """From the origin of the swarm's frame, per axis."""
 FASTEST_MPS = 200.0
 LARGEST_COUNT = 1 << 31
-"""Of epochs, orders and heals: a swarm that made one a second would need 68 years."""
+"""Of claims, lives, orders and heals: a swarm that made one a second would need 68 years."""
 LONGEST_WORD = 200
 NOTE_AT_MOST_BYTES = 1024
-"""Of an order's note: it goes out with every tree message."""
+"""Of an order's note: it goes out with every table."""
 WORD_AT_MOST_BYTES = 512
 """Of a strategy's word: it goes out with every state."""
 OLDEST_S = 86_400.0
@@ -81,7 +96,7 @@ class Refusal(msgspec.Struct, frozen=True):
 
 
 class Admission:
-    """The door of one node. It remembers what it has told, and of each drone the newest tree."""
+    """The door of one node. It remembers what it has told."""
 
     def __init__(
         self, members: Collection[int] = (), frame_identity: int | None = None, drone: int | None = None
@@ -92,14 +107,10 @@ class Admission:
         self._frame_identity = frame_identity
         self._drone = drone
         self._told: set[str] = set()
-        self._trees: dict[str, tuple[bytes, TreeState]] = {}
 
     def admit(self, received: Received) -> Message | Refusal:
         """The message, if it is to be believed, without numbers that are none; else one line why not."""
         sender = received.sender
-        known = self._trees.get(sender)
-        if known is not None and known[0] == received.payload and received.topic.codec.kind is TreeState:
-            return known[1]  # most trees say what the one before said
         try:
             message: Message = received.topic.codec.decode(received.payload)
         except WireError as error:
@@ -113,13 +124,11 @@ class Admission:
         if misplaced is not None:
             kind, reason = misplaced
             return self._refusal(kind, reason, reason, _believable(message))
-        if isinstance(message, TreeState):
-            self._trees[sender] = (received.payload, message)
         return _believable(message)
 
     def _misplaced(self, sender: str, message: Message) -> tuple[RefusalKind, str] | None:
         """What is wrong with where a message comes from."""
-        if isinstance(message, DroneState | TreeState):
+        if isinstance(message, DroneState | TableState | ReadingsState):
             if str(message.sender) != sender:
                 return _misnamed(message.sender, sender)
             if message.sender == self._drone:
@@ -134,7 +143,9 @@ class Admission:
             and sender != str(message.sender)
         ):
             return _misnamed(message.sender, sender)
-        if isinstance(message, DroneState | TreeState | Traffic) and self._frame_identity not in (
+        if isinstance(
+            message, DroneState | TableState | ReadingsState | Traffic
+        ) and self._frame_identity not in (
             None,
             message.frame,
         ):
@@ -156,8 +167,10 @@ def refusal(message: object, members: Collection[int]) -> str:
     match message:
         case DroneState():
             return _state(message)
-        case TreeState():
-            return _tree(message, members)
+        case TableState():
+            return _table(message, members)
+        case ReadingsState():
+            return _readings(message, members)
         case Command():
             return _command(message)
         case Traffic():
@@ -272,25 +285,52 @@ def _state(state: DroneState) -> str:
     return ""
 
 
-def _tree(state: TreeState, members: Collection[int]) -> str:
-    drones, slots = {drone for drone, _ in state.slots}, {slot for _, slot in state.slots}
-    if not all(0 <= count < LARGEST_COUNT for count in (state.epoch, state.heals)):
-        return "its epoch is no count"
-    if not all(author in members and 1 <= heard <= len(members) for heard, author in state.lineage):
-        return "an author in its lineage is no member, or heard more drones than there are"
-    if not state.epoch == len(state.lineage) < len(members):
-        return f"its epoch {state.epoch} is not that of its lineage"
-    if state.author != (state.lineage[-1][1] if state.lineage else 0):
-        return f"its author {state.author} is not that of its lineage"
-    if not state.slots or not len(drones) == len(slots) == len(state.slots):
-        return "its slots are no assignment"
-    if not drones.issubset(members) or not all(0 <= slot < len(members) for slot in slots):
+def _table(state: TableState, members: Collection[int]) -> str:
+    size = len(members)
+    if not (0 <= state.heals < LARGEST_COUNT and 0 <= state.sequence < LARGEST_COUNT):
+        return "its count of heals or messages is none"
+    if max(len(state.slots), len(state.members), len(state.absent)) > size:
+        return "it lists more than there are drones"
+    slots = [slot for slot, _ in state.slots]
+    if len(set(slots)) < len(slots) or not all(0 <= slot < size for slot in slots):
         return "its slots are not those of this swarm"
-    if len(state.lost) > len(members) or len(state.readings) > len(members):
+    if not all(_is_claim(register, members) for _, register in state.slots):
+        return "a claim to a slot in it is none"
+    told = [drone for drone, _ in state.members]
+    if len(set(told)) < len(told) or not all(drone in members for drone in (*told, *state.absent)):
+        return "its members are not those of this swarm"
+    if not all(_is_member_register(register) for _, register in state.members):
+        return "a member's life in it is none"
+    if state.order is None or state.ordered_by is None:
+        neither = state.order is None and state.ordered_by is None
+        return "" if neither else "its order and the claim of who gave it are told apart"
+    return _order(state.order) if _is_claim(state.ordered_by, members) else "nobody gave its order"
+
+
+def _readings(state: ReadingsState, members: Collection[int]) -> str:
+    if not 0 <= state.sequence < LARGEST_COUNT:
+        return "its count of messages is none"
+    if max(len(state.readings), len(state.held)) > len(members):
         return "it lists more drones than there are"
-    if not all(_is_reading(reading) for reading in state.readings):
+    if not all(_is_reading(reading) and reading.drone in members for reading in state.readings):
         return "a reading in it is none"
-    return "" if state.order is None else _order(state.order)
+    return "" if all(drone in members for drone in state.held) else "it holds readings of strangers"
+
+
+def _is_claim(register: SlotRegister, members: Collection[int]) -> bool:
+    return (
+        0 <= register.version < LARGEST_COUNT
+        and (register.holder == NOBODY or register.holder in members)
+        and 0 <= register.support <= len(members)
+    )
+
+
+def _is_member_register(register: MemberRegister) -> bool:
+    return (
+        0 <= register.life < LARGEST_COUNT
+        and NEVER <= register.suspected <= register.life
+        and NEVER <= register.left <= register.life
+    )
 
 
 def _order(order: Order) -> str:

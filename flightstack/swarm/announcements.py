@@ -1,17 +1,19 @@
-"""What one drone tells the others of itself, and when: at the rates of the table of topics."""
+"""What one drone tells the others, and when: its state at its rate, its table where others know another."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import msgspec
 
 from flightstack.autopilot import TakenBy, VehicleReport
 from flightstack.sensing.filter_stage import Sensed
+from flightstack.swarm.exchange import Exchange
 from flightstack.swarm.news import Note
-from flightstack.swarm.topics import EVENT, OUTCOME, STATE, TREE, Topic
-from flightstack.swarm.tree_protocol import SwarmTree
-from flightstack.swarm.wire import CommandOutcome, DroneState, Event, Phase
+from flightstack.swarm.peers import PeerFacts
+from flightstack.swarm.swarm_table import SwarmTable
+from flightstack.swarm.topics import EVENT, OUTCOME, READINGS, STATE, TABLE
+from flightstack.swarm.wire import NO_TABLE, CommandOutcome, DroneState, Event, Phase
 from mission.strategies.contract import TreePlace
 
 
@@ -55,9 +57,11 @@ class Announcements:
         self._drone = drone
         self._frame_identity = frame_identity
         self._tick_s = tick_s
+        self._exchange = Exchange(tick_s)
         self._states = 0
         self._events = 0
-        self._sent_s: dict[str, float] = {}
+        self._state_s: float | None = None
+        """When the newest state was told."""
 
     def step(
         self,
@@ -65,37 +69,41 @@ class Announcements:
         notes: Sequence[Note],
         outcomes: Sequence[CommandOutcome],
         own: OwnFacts,
-        tree: SwarmTree,
+        table: SwarmTable,
+        peers: Mapping[int, PeerFacts],
     ) -> Announced:
-        """What is told in this tick: events and answers at once, state and tree when they are due. A drone that has
-        not been started yet has no tree to tell."""
+        """What is told in this tick: events and answers at once, state, table and readings when they are due. A drone
+        that has not been started yet has no table to tell."""
         events = self._numbered(notes)
         messages = [(EVENT.name, EVENT.codec.encode(event)) for event in events]
         messages += [(OUTCOME.name, OUTCOME.codec.encode(outcome)) for outcome in outcomes]
-        if self._due(now_s, STATE):
-            messages.append((STATE.name, STATE.codec.encode(self._state(own))))
-        if tree.survey is not None and self._due(now_s, TREE):
-            messages.append((TREE.name, TREE.codec.encode(tree.message())))
+        digest = table.digest if table.survey is not None else NO_TABLE
+        if self._is_state_due(now_s):
+            messages.append((STATE.name, STATE.codec.encode(self._state(own, digest))))
+        if digest != NO_TABLE and self._exchange.is_due(now_s, digest, peers, table.slots):
+            messages.append((TABLE.name, TABLE.codec.encode(table.message())))
+        readings = table.readings_message(now_s, self._tick_s)
+        if readings is not None:
+            messages.append((READINGS.name, READINGS.codec.encode(readings)))
         return Announced(tuple(messages), events)
 
-    def _due(self, now_s: float, topic: Topic) -> bool:
-        """Whether `topic` is to be sent in this tick; if so, it counts as sent."""
-        period_s = 1.0 / topic.rate_hz if topic.rate_hz else 0.0
-        last_s = self._sent_s.get(topic.name)
-        if last_s is not None and now_s - last_s < period_s - 0.5 * self._tick_s:
+    def _is_state_due(self, now_s: float) -> bool:
+        """Whether the state is to be told in this tick; if so, it counts as told."""
+        period_s = 1.0 / STATE.rate_hz if STATE.rate_hz else 0.0
+        if self._state_s is not None and now_s - self._state_s < period_s - 0.5 * self._tick_s:
             return False
-        self._sent_s[topic.name] = now_s
+        self._state_s = now_s
         return True
 
     def _numbered(self, notes: Sequence[Note]) -> tuple[Event, ...]:
         first = self._events + 1
         self._events += len(notes)
         return tuple(
-            Event(self._drone, number, note.severity, note.code, note.text)
+            Event(self._drone, number, note.severity, note.code, note.text, self._incarnation)
             for number, note in enumerate(notes, first)
         )
 
-    def _state(self, own: OwnFacts) -> DroneState:
+    def _state(self, own: OwnFacts, digest: int) -> DroneState:
         self._states += 1
         vehicle, sensed, place = own.vehicle, own.sensed, own.place
         waiting = vehicle.ready_reason if not vehicle.armed else ""
@@ -136,4 +144,5 @@ class Announcements:
             own.crash,
             own.astray,
             own.storage,
+            digest,
         )

@@ -17,9 +17,18 @@ from flightstack.swarm.incarnations import TWINS_S
 from flightstack.swarm.news import Note, tree_notes
 from flightstack.swarm.parting import Part
 from flightstack.swarm.peers import Peers
+from flightstack.swarm.swarm_table import SwarmTable
 from flightstack.swarm.topics import Received
-from flightstack.swarm.tree_protocol import SwarmTree
-from flightstack.swarm.wire import Command, CommandOutcome, DroneState, Severity, TreeState
+from flightstack.swarm.wire import (
+    TAKING_PART,
+    Command,
+    CommandOutcome,
+    DroneState,
+    Phase,
+    ReadingsState,
+    Severity,
+    TableState,
+)
 from mission.estimation.estimates import Reading
 from mission.geometry.formation import Layout, rotated
 from mission.geometry.frames import Vector3
@@ -32,24 +41,28 @@ class SwarmView(msgspec.Struct, frozen=True):
     commands: tuple[Command, ...]
     neighbours: tuple[Neighbour, ...]
     place: TreePlace
-    """`slot` is -1 if the tree does not count this drone in. `healing` does not yet tell whether this drone itself is
+    """`slot` is -1 while this drone holds none. `healing` does not yet tell whether this drone itself is
     on its way to a new slot."""
     order: Order | None
     readings: tuple[Reading, ...]
     slot_ned_m: Vector3 | None
     """Where this drone's slot is now, by the newest order."""
     moved: bool
-    """A heal of this tick has given this drone another slot."""
-    shut_out: bool
-    """The others fly a survey that does not count this drone in."""
+    """This drone has claimed another slot in this tick."""
     has_twin: bool
     """Another agent says, now, that it is this drone."""
     part: Part
+    flies_on: bool
+    """Others that take part in a survey, in the air, have been heard for a while without a gap."""
     ground_heard_s: float | None
     refused: tuple[Note, ...]
     """Messages that were not believed, each kind once."""
     news: tuple[Note, ...]
-    """What changed in the tree."""
+    """What changed in the table."""
+
+
+_GETTING_UP = frozenset({Phase.ARMING, Phase.TAKEOFF})
+"""The phases in which a drone takes part, and waits for a slot until it is up where it was counted out."""
 
 
 class SwarmMember:
@@ -63,22 +76,25 @@ class SwarmMember:
         *,
         frame_identity: int,
         incarnation: int,
+        suspect_after_s: float,
         lost_after_s: float,
         tick_s: float,
     ) -> None:
+        """`suspect_after_s`: silence after which a single peer is missed; `lost_after_s`: after which several that
+        are silent at once mean that the swarm has come apart."""
         self._drone = drone
         self._layout = layout
         self._incarnation = incarnation
         self._lost_after_s = lost_after_s
         self._admission = Admission(members, frame_identity, drone)
         self._peers = Peers(drone)
-        self._tree = SwarmTree(
+        self._table = SwarmTable(
             drone,
             members,
             layout,
             frame_identity=frame_identity,
             incarnation=incarnation,
-            lost_after_s=lost_after_s,
+            suspect_after_s=suspect_after_s,
         )
         self._announcements = Announcements(drone, incarnation, frame_identity, tick_s)
         self._twin: DroneState | None = None
@@ -88,12 +104,14 @@ class SwarmMember:
         self,
         now_s: float,
         received: Iterable[Received],
+        phase: Phase,
         decision: Decision | None,
         position_ned_m: Vector3 | None,
     ) -> SwarmView:
-        """Hear what came. `decision` is this drone's own of the tick before, `position_ned_m` where it is now."""
+        """Hear what came. `phase` and `decision` are this drone's own of the tick before, `position_ned_m` is where
+        it is now."""
         commands: list[Command] = []
-        trees: list[TreeState] = []
+        told: list[TableState | ReadingsState] = []
         refused: list[Note] = []
         for item in received:
             message = self._admission.admit(item)
@@ -103,40 +121,52 @@ class SwarmMember:
                         refused.append(Note(Severity.WARNING, "peer", message.text))
                     if message.kind is RefusalKind.TWIN and isinstance(message.message, DroneState):
                         self._twin, self._twin_s = message.message, now_s
-                case TreeState():
+                case TableState() | ReadingsState():
                     if self._peers.speaks(message.sender, message.incarnation):
-                        trees.append(message)
+                        told.append(message)
+                        self._peers.hear(now_s, message)
                 case Command():
                     commands.append(message)
                 case _:
                     self._peers.hear(now_s, message)
         facts = self._peers.facts()
-        tree = self._tree
-        news = tree.step(now_s, trees, facts, decision, position_ned_m)
+        table = self._table
+        self._announce(phase)
+        news = table.step(now_s, told, facts, decision, position_ned_m)
         return SwarmView(
             tuple(commands),
             self._peers.neighbours(now_s),
-            tree.place(now_s, facts),
-            tree.order,
-            tree.readings,
+            table.place(now_s),
+            table.order,
+            table.readings,
             self._slot_ned_m(),
-            news.moved and tree.member and not (tree.order is not None and tree.order.apart),
-            tree.shut_out,
+            news.moved and not (table.order is not None and table.order.apart),
             now_s - self._twin_s <= TWINS_S,
             self._peers.part(now_s, self._lost_after_s),
+            self._peers.flies_on(now_s),
             self._peers.ground_heard_s,
             tuple(refused),
-            tuple(tree_notes(news, tree.epoch, tree.slots)),
+            tuple(tree_notes(news, table.slots)),
         )
+
+    def _announce(self, phase: Phase) -> None:
+        """Tell the table whether this drone takes part. That everybody leaves when a survey is over is no news."""
+        table = self._table
+        if table.survey is None or table.is_over:
+            return
+        if phase not in TAKING_PART:
+            table.leave()
+        elif phase not in _GETTING_UP:
+            table.rejoin()
 
     def begin(self, now_s: float, survey: str, anchor_ned_m: Vector3) -> None:
         """A survey starts, known by the identity of the command that started it: nothing of the one before counts."""
-        self._tree.begin(now_s, survey, anchor_ned_m)
+        self._table.begin(now_s, survey, anchor_ned_m)
 
     def tell(
         self, now_s: float, notes: Sequence[Note], outcomes: Sequence[CommandOutcome], own: OwnFacts
     ) -> Announced:
-        return self._announcements.step(now_s, notes, outcomes, own, self._tree)
+        return self._announcements.step(now_s, notes, outcomes, own, self._table, self._peers.facts())
 
     def comes_second(self, ticks: int) -> bool:
         """Whether another agent, running before this one (now in its tick `ticks`), says that it is this drone."""
@@ -144,7 +174,7 @@ class SwarmMember:
         return twin is not None and (twin.ticks, twin.incarnation) > (ticks, self._incarnation)
 
     def _slot_ned_m(self) -> Vector3 | None:
-        order, slot = self._tree.order, self._tree.slots.get(self._drone)
+        order, slot = self._table.order, self._table.slots.get(self._drone)
         if order is None or slot is None:
             return None
         north_m, east_m = rotated(self._layout.offset_m(slot), order.rotation_rad)

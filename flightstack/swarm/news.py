@@ -66,8 +66,8 @@ def _severity(mavlink_severity: int) -> Severity:
     return Severity.WARNING if mavlink_severity <= 4 else Severity.INFO
 
 
-def tree_notes(news: TreeNews, epoch: int, slots: Mapping[int, int]) -> list[Note]:
-    """The changes of one tick in words; `slots` (drone -> slot) are those of `epoch`, the newest."""
+def tree_notes(news: TreeNews, slots: Mapping[int, int]) -> list[Note]:
+    """The changes of one tick in words; `slots` (drone -> slot) are the newest."""
     notes = []
     if news.joined:
         notes.append(Note(Severity.INFO, "joined", "takes part in the survey that the others fly"))
@@ -76,7 +76,7 @@ def tree_notes(news: TreeNews, epoch: int, slots: Mapping[int, int]) -> list[Not
         notes.append(Note(Severity.WARNING, "lost", f"drone {names} lost to the swarm"))
     if news.healed:
         text = ", ".join(f"{drone} in {slot}" for drone, slot in sorted(slots.items(), key=lambda i: i[1]))
-        notes.append(Note(Severity.INFO, "heal", f"epoch {epoch}: {text}"))
+        notes.append(Note(Severity.INFO, "heal", f"slots: {text}"))
     if news.order is not None and news.order.stage is Stage.FOUND and news.order.source_ned_m:
         n, e, d = news.order.source_ned_m
         text = f"source at {n:.1f} m north, {e:.1f} m east, {-d:.1f} m up"

@@ -3,7 +3,7 @@
 Several nodes that fall silent together, drones that took part or the ground station, have not all failed: the own
 radio has, or a ridge is between. Then two parts that cannot hear each other would fly the same search on the same
 points; so only the larger one goes on, of equal ones that of the lowest id, and the other goes home. A single drone
-that falls silent has failed itself, and the tree heals around it (`flightstack.swarm.tree_protocol`). While the
+that falls silent has failed itself, and the tree heals around it (`flightstack.swarm.swarm_table`). While the
 ground station is heard, it tells each part where the other is, and both go on.
 
 All times are on this drone's own clock: when somebody was heard last.

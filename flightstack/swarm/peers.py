@@ -7,6 +7,7 @@ agent may be dead while its vehicle hovers on.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import msgspec
@@ -14,7 +15,16 @@ import msgspec
 from flightstack.swarm.admission import Message
 from flightstack.swarm.incarnations import Incarnations
 from flightstack.swarm.parting import Part, is_adrift, part_of
-from flightstack.swarm.wire import TAKING_PART, DroneState, GroundBeat, Phase, Traffic, TrafficVehicle
+from flightstack.swarm.wire import (
+    NO_TABLE,
+    TAKING_PART,
+    DroneState,
+    GroundBeat,
+    Phase,
+    TableState,
+    Traffic,
+    TrafficVehicle,
+)
 from mission.estimation.estimates import Scalar
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Neighbour
@@ -25,12 +35,15 @@ OBSTACLE_MEMORY_S = 3600.0
 OUT_OF_OUR_HANDS = frozenset({Phase.RTL, Phase.PILOT, Phase.CRASHED})
 """The phases in which an agent can tell where its vehicle is and no more: it does not make way for anybody."""
 
+STEADY_S = 2.0
+"""Who has been heard for so long without a gap is in reach, and not just for a moment."""
+
 FRESH_S = 1.0
 """A position this young is extended by its velocity; of an older one only the stretch is known that it lies on."""
 
 
 class PeerFacts(msgspec.Struct, frozen=True):
-    """What the tree needs to know of another drone."""
+    """What the table needs to know of another drone."""
 
     heard_s: float
     """When its newest state came."""
@@ -38,6 +51,10 @@ class PeerFacts(msgspec.Struct, frozen=True):
     moving: bool
     """It is on its way to a slot that a heal gave it."""
     position_ned_m: Vector3 | None
+    incarnation: int = 0
+    """Of the agent that speaks for it: another one has been started anew."""
+    table_digest: int = NO_TABLE
+    """Of its table of the swarm, when it told its newest state; who stands on the ground needs none."""
 
 
 class Peer(msgspec.Struct):
@@ -47,6 +64,8 @@ class Peer(msgspec.Struct):
     """The newest state that says where the drone is: an agent that was restarted in the air knows nothing of it until
     its autopilot has answered, and the vehicle is there all the same."""
     placed_s: float
+    surveying_since_s: float = math.inf
+    """Since when it has told without a gap that it takes part, in the air; infinite while it does not."""
 
 
 class Peers:
@@ -56,6 +75,7 @@ class Peers:
         self.peers: dict[int, Peer] = {}
         self.ground_heard_s: float | None = None
         self._drone = drone
+        self._facts: dict[int, PeerFacts] = {}
         self._incarnations: dict[int, Incarnations] = {}
         self._traffic: dict[int, tuple[TrafficVehicle, float]] = {}
 
@@ -63,6 +83,12 @@ class Peers:
         match message:
             case DroneState():
                 self._hear_state(now_s, message)
+            case TableState():
+                peer = self.peers.get(message.sender)
+                known = peer is not None and peer.facts.table_digest != NO_TABLE
+                if peer is not None and known and message.incarnation == peer.facts.incarnation:
+                    peer.facts = msgspec.structs.replace(peer.facts, table_digest=message.digest)
+                    self._facts[message.sender] = peer.facts
             case Traffic():
                 for vehicle in message.vehicles:
                     if vehicle.drone != self._drone:
@@ -76,12 +102,20 @@ class Peers:
         return known is None or known.speaks(incarnation)
 
     def facts(self) -> Mapping[int, PeerFacts]:
-        return {drone: peer.facts for drone, peer in self.peers.items()}
+        """What is known now; it changes with what is heard."""
+        return self._facts
 
     def part(self, now_s: float, lost_after_s: float) -> Part:
         """What this drone belongs to: the whole swarm, or a part of one that has just come apart."""
         heard_s = {d: peer.facts.heard_s for d, peer in self.peers.items() if peer.facts.taking_part}
         return part_of(now_s, self._drone, heard_s, self.ground_heard_s, lost_after_s)
+
+    def flies_on(self, now_s: float) -> bool:
+        """Whether anybody who takes part, in the air, has been heard steadily up to now."""
+        return any(
+            now_s - peer.facts.heard_s < FRESH_S and peer.facts.heard_s - peer.surveying_since_s >= STEADY_S
+            for peer in self.peers.values()
+        )
 
     def neighbours(self, now_s: float) -> tuple[Neighbour, ...]:
         """Everybody worth keeping clear of or listening to, by ascending id."""
@@ -120,12 +154,24 @@ class Peers:
     def _hear_state(self, now_s: float, state: DroneState) -> None:
         if not self._incarnations.setdefault(state.sender, Incarnations()).hear(now_s, state):
             return
-        facts = PeerFacts(now_s, state.phase in TAKING_PART, state.healing, state.position_ned_m)
+        facts = PeerFacts(
+            now_s,
+            state.phase in TAKING_PART,
+            state.healing,
+            state.position_ned_m,
+            state.incarnation,
+            state.table_digest if state.airborne or state.phase in TAKING_PART else NO_TABLE,
+        )
+        self._facts[state.sender] = facts
         before = self.peers.get(state.sender)
+        since_s = math.inf
+        if facts.taking_part and state.airborne:
+            heard = before is not None and now_s - before.facts.heard_s < FRESH_S
+            since_s = min(now_s, before.surveying_since_s) if before is not None and heard else now_s
         if before is None or state.position_ned_m is not None:
-            self.peers[state.sender] = Peer(state, facts, state, now_s)
+            self.peers[state.sender] = Peer(state, facts, state, now_s, since_s)
         else:
-            self.peers[state.sender] = Peer(state, facts, before.placed, before.placed_s)
+            self.peers[state.sender] = Peer(state, facts, before.placed, before.placed_s, since_s)
 
 
 def _aged(estimate: Scalar | None, age_s: float) -> Scalar | None:

@@ -14,8 +14,9 @@ from flightstack.swarm.wire import (
     Event,
     GroundBeat,
     GroundReport,
+    ReadingsState,
+    TableState,
     Traffic,
-    TreeState,
 )
 
 
@@ -50,7 +51,10 @@ class Received(NamedTuple):
 
 
 STATE = Topic("state", Codec(DroneState), 5.0, 2.0, Delivery.BEST_EFFORT)
-TREE = Topic("tree", Codec(TreeState), 5.0, 2.0, Delivery.BEST_EFFORT)
+TABLE = Topic("table", Codec(TableState), 0.2, 30.0, Delivery.BEST_EFFORT)
+"""At least at its rate; five times a second while tables differ (`flightstack.swarm.exchange`)."""
+READINGS = Topic("readings", Codec(ReadingsState), 5.0, 2.0, Delivery.BEST_EFFORT)
+"""At its rate while readings come up, else never (`flightstack.swarm.reading_relay`)."""
 COMMAND = Topic("command", Codec(Command), None, None, Delivery.RELIABLE)
 OUTCOME = Topic("outcome", Codec(CommandOutcome), None, None, Delivery.RELIABLE)
 EVENT = Topic("event", Codec(Event), None, None, Delivery.RELIABLE)
@@ -59,7 +63,7 @@ GROUND = Topic("ground", Codec(GroundBeat), 1.0, 5.0, Delivery.BEST_EFFORT)
 REPORT = Topic("report", Codec(GroundReport), 1.0, 5.0, Delivery.BEST_EFFORT)
 
 TOPICS: dict[str, Topic] = {
-    t.name: t for t in (STATE, TREE, COMMAND, OUTCOME, EVENT, TRAFFIC, GROUND, REPORT)
+    t.name: t for t in (STATE, TABLE, READINGS, COMMAND, OUTCOME, EVENT, TRAFFIC, GROUND, REPORT)
 }
 
-RECEIVED_BY_DRONES = (STATE, TREE, COMMAND, TRAFFIC, GROUND)
+RECEIVED_BY_DRONES = (STATE, TABLE, READINGS, COMMAND, TRAFFIC, GROUND)

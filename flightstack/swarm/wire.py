@@ -18,8 +18,10 @@ import msgspec
 from mission.estimation.estimates import Reading, Scalar, Wind
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Order
+from mission.tree.balanced_tree import NOBODY
+from mission.tree.slot_registers import SlotRegister, assignment
 
-VERSION = 4
+VERSION = 5
 
 
 class WireError(ValueError):
@@ -52,6 +54,10 @@ TAKING_PART = frozenset(
     {Phase.ARMING, Phase.TAKEOFF, Phase.FORMING, Phase.SEARCHING, Phase.TRACKING, Phase.HOLDING}
 )
 """The phases of a live member of the survey; any other phase after the start announces that it left."""
+
+
+NO_TABLE = 0
+"""The digest of a drone that knows of no survey."""
 
 
 class DroneState(msgspec.Struct, frozen=True, array_like=True, tag="state"):
@@ -97,30 +103,76 @@ class DroneState(msgspec.Struct, frozen=True, array_like=True, tag="state"):
     """How it does not go where it is sent, empty while it does."""
     storage: str = ""
     """Why its flight is not recorded; empty when it is."""
+    table_digest: int = NO_TABLE
+    """Of what it would tell as `TableState`: two that differ tell each other their tables."""
 
 
-class TreeState(msgspec.Struct, frozen=True, array_like=True, tag="tree"):
-    """A drone's whole knowledge of the swarm tree. Merging is idempotent: loss and repetition do no harm."""
+NEVER = -1
+
+
+class MemberRegister(msgspec.Struct, frozen=True, array_like=True):
+    """What is told of one member; the counters `suspected` and `left` are never above `life`."""
+
+    life: int = 0
+    suspected: int = NEVER
+    """The newest life in which it was missed."""
+    left: int = NEVER
+    """The newest life that it ended itself."""
+
+
+class TableState(msgspec.Struct, frozen=True, array_like=True, tag="table"):
+    """A drone's whole knowledge of the swarm: every part of it is merged by itself, whoever told it."""
 
     sender: int
     incarnation: int
+    sequence: int
+    """Counts the sender's messages of this kind since its start, from 1."""
     frame: int
-    epoch: int
-    author: int
-    """The drone that made this epoch's assignment."""
-    slots: tuple[tuple[int, int], ...]
-    """(drone, slot) of every live member."""
-    lost: tuple[int, ...]
-    """Members that this drone or its informants found dead since the epoch began."""
-    order: Order | None
-    readings: tuple[Reading, ...]
-    heals: int = 0
-    """Heals since the survey began: assignments after the first that moved somebody or dropped somebody."""
-    survey: str = ""
+    survey: str
     """Identity of the command that started the survey; knowledge of another survey is not merged."""
-    lineage: tuple[tuple[int, int], ...] = ()
-    """(survivors that its author heard, itself counted; author) of every epoch since the first: which of two
-    assignments stands is told by it alone (`flightstack.swarm.tree_protocol`)."""
+    slots: tuple[tuple[int, SlotRegister], ...]
+    """(slot, its register), ascending."""
+    members: tuple[tuple[int, MemberRegister], ...]
+    """(drone, its register) of those about whom there ever was a doubt, ascending."""
+    absent: tuple[int, ...]
+    """Members that the sender counts as lost or gone, ascending: for displays, each drone counts by itself."""
+    order: Order | None
+    ordered_by: SlotRegister | None
+    """The claim to the root's slot by which `order` was given."""
+    heals: int = 0
+    """How often the sender has seen the table whole again after somebody was lost or moved."""
+    digest: int = 0
+    """As `DroneState.table_digest`."""
+
+    @property
+    def held(self) -> dict[int, int]:
+        """drone -> slot, as the sender counts who is there."""
+        holders = {register.holder for _, register in self.slots} - {NOBODY, *self.absent}
+        return assignment(dict(self.slots), holders)
+
+    @property
+    def epoch(self) -> int:
+        """How often slots were claimed or vacated, as far as the sender knows."""
+        return sum(register.version for _, register in self.slots)
+
+
+class ReadingsState(msgspec.Struct, frozen=True, array_like=True, tag="readings"):
+    """Readings on their way to the root, and whose have come this far (`flightstack.swarm.reading_relay`)."""
+
+    sender: int
+    incarnation: int
+    sequence: int
+    """Counts the sender's messages of this kind since its start, from 1."""
+    frame: int
+    survey: str
+    order: int
+    """Sequence number of the order for which they were taken."""
+    readings: tuple[Reading, ...]
+    """That are not known to be nearer to the root; the sender has them."""
+    held: tuple[int, ...] = ()
+    """Drones whose readings the sender was told, and has."""
+    to_anybody: bool = False
+    """The sender's own way to the root is broken: whoever hears this takes the readings up its own."""
 
 
 class CommandName(enum.StrEnum):
@@ -144,6 +196,10 @@ class Command(msgspec.Struct, frozen=True, array_like=True, tag="command"):
     name: CommandName
     without_recording: bool = False
     """A start also for drones whose flight cannot be recorded."""
+    incarnation: int = 0
+    """Of the sender: random per start of its program; 0: not told."""
+    sequence: int = 0
+    """Counts the sender's messages of this kind since its start, from 1; 0: not told."""
 
 
 class Result(enum.StrEnum):
@@ -173,6 +229,8 @@ class Event(msgspec.Struct, frozen=True, array_like=True, tag="event"):
     code: str
     """A short stable word: "heal", "contact", "found", "fence", "pilot", "statustext"."""
     text: str
+    incarnation: int = 0
+    """Of the sender: random per start of its program; 0: not told."""
 
 
 class TrafficVehicle(msgspec.Struct, frozen=True, array_like=True):
@@ -190,6 +248,10 @@ class Traffic(msgspec.Struct, frozen=True, array_like=True, tag="traffic"):
     sender: str
     frame: int
     vehicles: tuple[TrafficVehicle, ...]
+    incarnation: int = 0
+    """Of the sender: random per start of its program; 0: not told."""
+    sequence: int = 0
+    """Counts the sender's messages of this kind since its start, from 1; 0: not told."""
 
 
 class GroundBeat(msgspec.Struct, frozen=True, array_like=True, tag="ground"):
@@ -197,6 +259,8 @@ class GroundBeat(msgspec.Struct, frozen=True, array_like=True, tag="ground"):
     sequence: int
     system: int = 0
     """Its MAVLink system id; 0: not told."""
+    incarnation: int = 0
+    """Of the sender: random per start of its program; 0: not told."""
 
 
 class GroundAlarm(msgspec.Struct, frozen=True, array_like=True):

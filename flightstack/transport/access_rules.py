@@ -74,7 +74,14 @@ def access_problems(swarm: SwarmConfig) -> list[tuple[str, str]]:
     """What is wrong with the names in a configuration file: (field, what and how to mend it)."""
     if swarm.tls is None:
         return []
-    return [("swarm.tls", problem) for problem in name_clashes(swarm.tls.stations, swarm.tls.routers)]
+    found = [("swarm.tls", problem) for problem in name_clashes(swarm.tls.stations, swarm.tls.routers)]
+    if swarm.tls.routers and swarm.site is None:
+        found.append(("swarm.tls", "a router relays between sites; say at which this node is: swarm.site"))
+    if swarm.site is not None and not swarm.tls.routers:
+        found.append(
+            ("swarm.site", "nothing from other sites is believed; name the router in swarm.tls.routers")
+        )
+    return found
 
 
 _SPEAKING: Final = ("put", "liveliness_token")

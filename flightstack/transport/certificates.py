@@ -30,13 +30,13 @@ _FLIGHTS: Final = 10
 
 
 def check_certificates(
-    tls: TlsConfig, node: int | str, now: datetime.datetime | None = None
+    tls: TlsConfig, node: int | str | None = None, now: datetime.datetime | None = None
 ) -> datetime.datetime:
-    """Until when `node` will be believed. `TransportError` says in one line why it will not be."""
+    """Until when `node`, or whoever it is, will be believed. `TransportError` says in one line why it will not be."""
     check_readable(tls)
     shown, authority = _handshake(tls)
-    expected = common_name(node)
     name = _common_name(shown)
+    expected = name if node is None else common_name(node)
     if name != expected:
         raise TransportError(
             f"swarm.tls: {tls.certificate} is the certificate of {name!r}, this is {expected!r}; "

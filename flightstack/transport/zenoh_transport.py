@@ -7,16 +7,19 @@ down. A connection made by gossip alone is *not* made again after it broke while
 So the best `connect` is one list of all nodes' endpoints, the same on every node: each pair then has one connection,
 made and made again by the later one in the list, and gossip is not needed. A single endpoint is enough for a
 mesh whose nodes all come and stay.
+
+Swarms of several sites are joined by a zenoh router, which stands first in the list (docs/sites.md): the nodes of a
+site are such a mesh among themselves, and the router relays between one site and another, never within one.
 """
 
 from __future__ import annotations
 
-import json
 import logging
 import queue
 import re
 import threading
-from collections.abc import Callable, Iterable, Sequence
+import time
+from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 import zenoh
@@ -27,18 +30,22 @@ from flightstack.transport import TransportError
 from flightstack.transport.access_rules import ALIVE, access_rules
 from flightstack.transport.backlog import trimmed
 from flightstack.transport.certificates import check_readable
-from flightstack.transport.endpoints import check_endpoint
 from flightstack.transport.linger import stop_lingering
+from flightstack.transport.router_watch import RouterWatch
+from flightstack.transport.zenoh_options import peer_options
+from flightstack.transport.zenoh_session import (
+    CLOSE_WITHIN_S,
+    close_session,
+    configured,
+    open_session,
+    zenoh_reason,
+)
 
 log = logging.getLogger(__name__)
 
-LEASE_S: Final = 1.0
-"""Silence of a connection after which a peer's host counts as unreachable."""
 _BEST_EFFORT_BACKLOG: Final = 1024
 """Samples of one topic between two `receive`: ten seconds of twenty senders at 5 Hz."""
 _RELIABLE_BACKLOG: Final = 4096
-_LARGEST_MESSAGE_BYTES: Final = 1 << 20
-_CLOSE_WITHIN_S: Final = 2.0
 _WORD: Final = re.compile(r"[A-Za-z0-9_-]+")
 
 
@@ -54,6 +61,7 @@ class ZenohTransport:
         receives: Iterable[Topic],
         tls: TlsConfig | None = None,
         members: Iterable[int] = (),
+        site: str | None = None,
     ) -> None:
         """Open the session and subscribe to `receives`.
 
@@ -70,11 +78,11 @@ class ZenohTransport:
                 raise TransportError(f"{what} name {word!r}: use letters, digits, - and _ only")
         self._swarm = swarm
         self._closed = False
-        options = _configuration(listen, connect, tls)
+        options = peer_options(listen, connect, tls, site)
         if tls is not None:
             check_readable(tls)
             options["access_control"] = access_rules(swarm, members, tls)
-        self._session = _open(options, listen)
+        self._session = open_session(configured(options), listen)
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._subscribers = {topic.name: (topic, self._subscribe(topic)) for topic in receives}
         self._links = self._session.info.declare_link_events_listener(
@@ -86,6 +94,7 @@ class ZenohTransport:
             f"flightstack/{swarm}/{ALIVE}/*", zenoh.handlers.RingChannel(_RELIABLE_BACKLOG), history=True
         )
         self._token = liveliness.declare_token(f"flightstack/{swarm}/{ALIVE}/{self.node}")
+        self._router = None if site is None else RouterWatch(self._has_router, site)
         self._outbox = _Outbox()
         self._failing: set[str] = set()
 
@@ -105,6 +114,8 @@ class ZenohTransport:
             raise TransportError(f"node {self.node} has left the swarm's network")
         if _drain(self._links):
             stop_lingering()
+        if self._router is not None:
+            self._router.look(time.monotonic())
         messages: list[Received] = []
         for topic, subscriber in self._subscribers.values():
             samples = _drain(subscriber)
@@ -134,7 +145,10 @@ class ZenohTransport:
             return
         self._closed = True
         self._outbox.close()
-        _within(_CLOSE_WITHIN_S, self._session.close, "leaving the swarm's network")
+        close_session(self._session, "leaving the swarm's network")
+
+    def _has_router(self) -> bool:
+        return bool(self._session.info.routers_zid())
 
     def _put(self, topic: Topic, publisher: zenoh.Publisher, payload: bytes) -> None:
         """Send at once. A network that fails must not end a flight: it is told once and the drone flies on."""
@@ -143,7 +157,7 @@ class ZenohTransport:
         except zenoh.ZError as error:
             if topic.name not in self._failing:
                 self._failing.add(topic.name)
-                log.error("%s messages cannot be sent: %s", topic.name, _reason(error))
+                log.error("%s messages cannot be sent: %s", topic.name, zenoh_reason(error))
         else:
             self._failing.discard(topic.name)
 
@@ -193,7 +207,7 @@ class _Outbox:
             self._queue.put_nowait(None)
         except queue.Full:
             return  # the thread is stuck and a daemon; what it holds cannot be sent
-        self._thread.join(_CLOSE_WITHIN_S)
+        self._thread.join(CLOSE_WITHIN_S)
 
     def _run(self) -> None:
         while (item := self._queue.get()) is not None:
@@ -201,7 +215,7 @@ class _Outbox:
             try:
                 publisher.put(payload)
             except zenoh.ZError as error:
-                log.error("a message on %s is lost: %s", publisher.key_expr, _reason(error))
+                log.error("a message on %s is lost: %s", publisher.key_expr, zenoh_reason(error))
 
 
 def _drain(source: Any) -> list[Any]:
@@ -213,101 +227,3 @@ def _drain(source: Any) -> list[Any]:
 
 def _last_word(key: zenoh.KeyExpr) -> str:
     return str(key).rpartition("/")[2]
-
-
-def _configuration(listen: Sequence[str], connect: Sequence[str], tls: TlsConfig | None) -> dict[str, Any]:
-    """zenoh's configuration by path; see its DEFAULT_CONFIG.json5 for what each means."""
-    for field, endpoints in (("listen", listen), ("connect", connect)):
-        for endpoint in endpoints:
-            check_endpoint(field, endpoint, tls)
-    lists_itself = any(endpoint in listen for endpoint in connect)
-    options: dict[str, Any] = {
-        "mode": "peer",
-        "listen": {"endpoints": list(listen), "timeout_ms": 0, "exit_on_failure": True},
-        "connect": {
-            "endpoints": _once_a_pair(listen, connect),
-            "timeout_ms": -1,
-            "exit_on_failure": False,
-            "retry": {"period_init_ms": 250, "period_max_ms": 1000, "period_increase_factor": 2},
-        },
-        "scouting/multicast/enabled": False,
-        "scouting/gossip": {
-            # Who is reached through a router and by gossip as well is heard twice.
-            "enabled": not lists_itself and not (tls is not None and tls.routers),
-            "autoconnect_strategy": {"peer": {"to_router": "always", "to_peer": "greater-zid"}},
-        },
-        "scouting/delay": 0,
-        "open/return_conditions": {"connect_scouted": False, "declares": False},
-        "transport/unicast/open_timeout": 3000,
-        "transport/unicast/accept_timeout": 3000,
-        "transport/link/tx/lease": round(LEASE_S * 1000.0),
-        "transport/link/tx/queue/congestion_control": {
-            "drop": {"wait_before_drop": 0},
-            "block": {"wait_before_close": 1_000_000},
-        },
-        # A slow radio shall drop old states, not queue seconds of them in the kernel.
-        "transport/link/tcp": {"so_sndbuf": 1 << 16},
-        "transport/link/rx/max_message_size": _LARGEST_MESSAGE_BYTES,
-        "transport/shared_memory/enabled": False,  # a killed process would leave files in /dev/shm
-    }
-    if tls is not None:
-        options["transport/link/protocols"] = ["tls"]
-        options["transport/link/tls"] = {
-            "root_ca_certificate": tls.authority,
-            "listen_private_key": tls.private_key,
-            "listen_certificate": tls.certificate,
-            "connect_private_key": tls.private_key,
-            "connect_certificate": tls.certificate,
-            "enable_mtls": True,
-            # Members are known by the authority that signed them; their addresses change with the network.
-            "verify_name_on_connect": False,
-        }
-    return options
-
-
-def _once_a_pair(listen: Sequence[str], connect: Sequence[str]) -> list[str]:
-    """Where to connect to. A list that names this node itself is every node's: the later ones connect to the earlier.
-
-    Two nodes that connect to each other have two connections, and after one of them hung the other's new
-    connection can be taken for a part of the hung one's old session, whose declarations are then missing
-    (https://github.com/eclipse-zenoh/zenoh/issues/1886). With one connection a pair that cannot be.
-    """
-    own = [index for index, endpoint in enumerate(connect) if endpoint in listen]
-    return list(connect[: own[0]] if own else connect)
-
-
-def _open(options: dict[str, Any], listen: Sequence[str]) -> zenoh.Session:
-    config = zenoh.Config()
-    try:
-        for path, value in options.items():
-            config.insert_json5(path, json.dumps(value))
-        return zenoh.open(config)
-    except zenoh.ZError as error:
-        place = f"cannot listen on {', '.join(listen)}" if listen else "cannot join the swarm's network"
-        raise TransportError(f"{place}: {_reason(error)}") from error
-
-
-def _reason(error: Exception) -> str:
-    """zenoh's message in one line, without the places in its sources, and with the mend for the usual case."""
-    text = re.sub(r" at /\S+?\.rs:\d+\.?", "", " ".join(str(error).split()))
-    if "Address already in use" in text:
-        return "the port is in use; end the other process or choose another port"
-    if "Cannot assign requested address" in text:
-        return "this machine does not have that address; use one of its own"
-    return text
-
-
-def _within(limit_s: float, action: Callable[[], object], what: str) -> None:
-    """Run `action`, but wait no longer than `limit_s` for it: zenoh may wait for a peer that is gone."""
-
-    def run() -> None:
-        try:
-            action()
-        except zenoh.ZError as error:
-            log.warning("%s: %s", what, _reason(error))
-
-    thread = threading.Thread(target=run, name="zenoh-close", daemon=True)
-    thread.start()
-    thread.join(limit_s)
-    if thread.is_alive():
-        log.warning("%s takes longer than %g s; going on without", what, limit_s)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gcs.cli.options import ConfigOption, DroneOption, FenceActionName, JsonOption, LinkOption, mavlink_links
+from gcs.cli.options import ConfigOption, DroneOption, FenceActionName, JsonOption, LinkOption, mavlink_access
 from gcs.cli.output import check_directory, say, settings, tell, write
 from mission.documents.yaml_file import DocumentError
 
@@ -42,10 +42,10 @@ def fence_upload(
     for problem in fence.problems():
         raise DocumentError(str(file), problem, field="geoFence")
     tell(file, (), plan.warnings)
-    links, system = mavlink_links(config, link)
+    access = mavlink_access(config, link)
 
     async def upload() -> Uploaded:
-        async with open_vehicle(links, drone, system) as vehicle:
+        async with open_vehicle(access, drone) as vehicle:
             places = await vehicle.place_warnings(Plan(geofence=fence))
             tell(file, (), places)
             warnings.extend(places)
@@ -75,10 +75,10 @@ def fence_download(
     from mission.documents.plan_file import Plan, plan_text
 
     check_directory(file)
-    links, system = mavlink_links(config, link)
+    access = mavlink_access(config, link)
 
     async def download() -> Geofence | None:
-        async with open_vehicle(links, drone, system) as vehicle:
+        async with open_vehicle(access, drone) as vehicle:
             return await vehicle.download_fence()
 
     fence = asyncio.run(download())
@@ -103,10 +103,10 @@ def fence_clear(
     from gcs.plans.autopilot_client import FENCE as GEOFENCE
     from gcs.plans.autopilot_client import open_vehicle
 
-    links, system = mavlink_links(config, link)
+    access = mavlink_access(config, link)
 
     async def clear() -> tuple[str, ...]:
-        async with open_vehicle(links, drone, system) as vehicle:
+        async with open_vehicle(access, drone) as vehicle:
             vehicle.expect_disarmed(force=force)
             return (await vehicle.clear(GEOFENCE)).notes
 

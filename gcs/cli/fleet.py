@@ -14,6 +14,7 @@ import typer
 from gcs.cli.options import JsonOption
 from gcs.cli.output import say
 from gcs.errors import GroundError
+from gcs.keys.roster import ROUTER_FILE
 
 app = typer.Typer(help="Keys and certificates of a fleet.", no_args_is_help=True)
 
@@ -29,6 +30,13 @@ AddressOption = Annotated[
 StationOption = Annotated[
     list[str] | None, typer.Option("--station", help="A ground station: NAME=ADDRESS. Repeatable.")
 ]
+SiteOption = Annotated[
+    str | None, typer.Option("--site", help="Where they are, if a router joins several sites.")
+]
+RouterOption = Annotated[
+    str | None,
+    typer.Option("--router", help="Router between sites: NAME=ADDRESS, the address as this site reaches it."),
+]
 DaysOption = Annotated[int, typer.Option("--days", min=1, max=7000, help="How long certificates are valid.")]
 
 
@@ -40,6 +48,11 @@ def fleet_init(
     first_address: AddressOption = None,
     station: StationOption = None,
     port: Annotated[int, typer.Option("--port", min=1, max=65535, help="Where everybody listens.")] = 7447,
+    site: SiteOption = None,
+    router: RouterOption = None,
+    router_port: Annotated[
+        int, typer.Option("--router-port", min=1, max=65535, help="Where the router listens.")
+    ] = 7448,
     days: DaysOption = 365,
     force: Annotated[
         bool, typer.Option("--force", help="Make all keys anew: what was made before is worthless then.")
@@ -47,14 +60,25 @@ def fleet_init(
     json: JsonOption = False,
 ) -> None:
     """Make an authority of this fleet, and for every drone and station a key, a certificate and its swarm section."""
-    from gcs.keys.bundles import Fleet, create
+    from gcs.keys.bundles import create
+    from gcs.keys.roster import Fleet
 
     stations = _stations(station)
-    if not stations:
+    if not stations and site is None:
         raise GroundError("--station: name at least one ground station, as ground=192.168.2.1")
+    if (site is None) != (router is None):
+        raise GroundError("--site and --router: a router joins sites; give both or neither")
     if re.fullmatch(r"[A-Za-z0-9_-]+", swarm) is None:
         raise GroundError(f"--swarm {swarm!r}: use letters, digits, - and _ only")
-    fleet = Fleet(swarm=swarm, drones=_drones(drones, first_address), stations=stations, port=port)
+    named = None if router is None else _router(router)
+    fleet = Fleet(
+        swarm=swarm,
+        drones={},
+        stations={},
+        port=port,
+        router=None if named is None else named[0],
+        router_port=router_port,
+    ).with_nodes(_drones(drones, first_address), stations, _site(site), None if named is None else named[1])
     valid = datetime.timedelta(days=days)
     _tell(directory, create(directory, fleet, valid, force=force), (), valid, json=json)
 
@@ -65,6 +89,8 @@ def fleet_add(
     drones: DronesOption = None,
     first_address: AddressOption = None,
     station: StationOption = None,
+    site: SiteOption = None,
+    router: RouterOption = None,
     days: DaysOption = 365,
     json: JsonOption = False,
 ) -> None:
@@ -76,7 +102,8 @@ def fleet_add(
     if not more and not stations:
         raise GroundError("whom? give --drones with --first-address, or --station NAME=ADDRESS")
     valid = datetime.timedelta(days=days)
-    made, changed = add(directory, more, stations, valid)
+    named = None if router is None else _router(router)
+    made, changed = add(directory, more, stations, valid, _site(site), named)
     _tell(directory, made, changed, valid, json=json)
 
 
@@ -130,6 +157,20 @@ def _stations(texts: Sequence[str] | None) -> dict[str, str]:
     return stations
 
 
+def _site(name: str | None) -> str | None:
+    if name is not None and re.fullmatch(r"[A-Za-z0-9_-]{1,32}", name) is None:
+        raise GroundError(f"--site {name!r}: use letters, digits, - and _ only, 32 at most")
+    return name
+
+
+def _router(text: str) -> tuple[str, str]:
+    """Name and address."""
+    name, _, host = text.partition("=")
+    if re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]*", name) is None or not host:
+        raise GroundError(f"--router {text}: write NAME=ADDRESS, as relay=203.0.113.7")
+    return name, host
+
+
 def _tell(
     directory: pathlib.Path,
     bundles: Sequence[pathlib.Path],
@@ -139,8 +180,16 @@ def _tell(
     json: bool,
 ) -> None:
     until = f"{datetime.datetime.now(datetime.UTC) + valid:%Y-%m-%d}"
-    lines = [f"{bundle}: copy the directory to {bundle.name}; its key is nobody else's" for bundle in bundles]
-    lines += [f"{file}: changed; copy it to {file.parent.name}" for file in changed]
+    lines = [
+        f"{bundle}: copy the directory to {bundle.name}; its key is nobody else's"
+        + (f"; there: gcs router --config {ROUTER_FILE}" if (bundle / ROUTER_FILE).is_file() else "")
+        for bundle in bundles
+    ]
+    lines += [
+        f"{file}: changed; copy it to {file.parent.name}"
+        + (" and start the router again" if file.name == ROUTER_FILE else "")
+        for file in changed
+    ]
     lines.append(
         f"valid until {until}; {directory / 'authority'} stays here: who has its key can make members"
     )

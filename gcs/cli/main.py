@@ -5,7 +5,7 @@ from __future__ import annotations
 import typer
 
 from flightstack.command_line import run_program, versioned
-from gcs.cli import fence, fleet, param, plan, serve, status, survey
+from gcs.cli import fence, fleet, param, plan, router, serve, signing, status, survey
 from gcs.errors import GroundError
 from mission.documents.yaml_file import DocumentError
 
@@ -15,9 +15,15 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.callback()(versioned)
-for command in (serve.serve, survey.survey, status.status, status.watch):
+for command in (serve.serve, router.router, survey.survey, status.status, status.watch):
     app.command()(command)
-for name, nouns in (("plan", plan.app), ("fence", fence.app), ("param", param.app), ("fleet", fleet.app)):
+for name, nouns in (
+    ("plan", plan.app),
+    ("fence", fence.app),
+    ("param", param.app),
+    ("fleet", fleet.app),
+    ("signing", signing.app),
+):
     app.add_typer(nouns, name=name)
 
 

@@ -7,12 +7,14 @@ import pathlib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated
 
+import msgspec
 import typer
 
 from gcs.errors import GroundError
 
 if TYPE_CHECKING:
     from gcs.connection import Connection
+    from gcs.station_config import MavlinkConfig
 
 ConfigOption = Annotated[
     pathlib.Path | None, typer.Option("--config", help="The ground station's YAML file.")
@@ -51,12 +53,12 @@ def swarm_connection(
     return connection
 
 
-def mavlink_links(config: pathlib.Path | None, link: Sequence[str] | None) -> tuple[tuple[str, ...], int]:
-    """MAVLink links and our system id, from `--link` or else from the ground station's file."""
+def mavlink_access(config: pathlib.Path | None, link: Sequence[str] | None) -> MavlinkConfig:
+    """How to speak to vehicles: by the ground station's file, with the links of `--link` if they are given."""
     from gcs.station_config import MavlinkConfig, load
 
     mavlink = load(config).mavlink if config is not None else MavlinkConfig()
     links = tuple(link or ()) or mavlink.links
     if not links:
         raise GroundError("which link? give --link udpin:HOST:PORT, or --config with mavlink.links")
-    return links, mavlink.system
+    return msgspec.structs.replace(mavlink, links=links)

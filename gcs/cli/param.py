@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gcs.cli.options import ConfigOption, DroneOption, JsonOption, LinkOption, mavlink_links
+from gcs.cli.options import ConfigOption, DroneOption, JsonOption, LinkOption, mavlink_access
 from gcs.cli.output import check_directory, say, write
 
 if TYPE_CHECKING:
@@ -33,10 +33,10 @@ def param_get(
     from gcs.plans.autopilot_client import check_parameter, open_vehicle
 
     known = check_parameter(name)
-    links, system = mavlink_links(config, link)
+    access = mavlink_access(config, link)
 
     async def get() -> float:
-        async with open_vehicle(links, drone, system) as vehicle:
+        async with open_vehicle(access, drone) as vehicle:
             return (await vehicle.parameter(known)).value
 
     value = asyncio.run(get())
@@ -58,10 +58,10 @@ def param_set(
     from gcs.plans.autopilot_client import check_parameter, open_vehicle
 
     known = check_parameter(name, value)
-    links, system = mavlink_links(config, link)
+    access = mavlink_access(config, link)
 
     async def put() -> bool:
-        async with open_vehicle(links, drone, system) as vehicle:
+        async with open_vehicle(access, drone) as vehicle:
             return await vehicle.set_parameter(known, value)
 
     written = asyncio.run(put())
@@ -129,10 +129,10 @@ def param_load(
     from mission.documents.yaml_file import DocumentError
 
     wanted = read_parameters(file)
-    links, system = mavlink_links(config, link)
+    access = mavlink_access(config, link)
 
     async def load() -> tuple[LoadPlan, int]:
-        async with open_vehicle(links, drone, system) as vehicle:
+        async with open_vehicle(access, drone) as vehicle:
             plan = plan_load(wanted, await vehicle.parameters(), vehicle.flavour, drone)
             _show(plan, file, quiet=json)
             if plan.impossible:
@@ -206,10 +206,10 @@ def _parameters(
 ) -> Mapping[str, ParameterValue]:
     from gcs.plans.autopilot_client import open_vehicle
 
-    links, system = mavlink_links(config, link)
+    access = mavlink_access(config, link)
 
     async def get() -> Mapping[str, ParameterValue]:
-        async with open_vehicle(links, drone, system) as vehicle:
+        async with open_vehicle(access, drone) as vehicle:
             return await vehicle.parameters()
 
     return asyncio.run(get())

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gcs.cli.options import ConfigOption, DroneOption, FenceActionName, JsonOption, LinkOption, mavlink_links
+from gcs.cli.options import ConfigOption, DroneOption, FenceActionName, JsonOption, LinkOption, mavlink_access
 from gcs.cli.output import check_directory, say, settings, tell, write
 from mission.documents.yaml_file import DocumentError
 
@@ -81,10 +81,10 @@ def plan_upload(
         raise DocumentError(
             str(file), "it has a fence, which takes the place of the vehicle's: no --clear-fence"
         )
-    links, system = mavlink_links(config, link)
+    access = mavlink_access(config, link)
 
     async def upload() -> Uploaded:
-        async with open_vehicle(links, drone, system) as vehicle:
+        async with open_vehicle(access, drone) as vehicle:
             places = await vehicle.place_warnings(plan)
             tell(file, (), places)
             warnings.extend(places)
@@ -119,10 +119,10 @@ def plan_download(
     from mission.documents.plan_file import Plan, plan_text
 
     check_directory(file)
-    links, system = mavlink_links(config, link)
+    access = mavlink_access(config, link)
 
     async def download() -> Plan:
-        async with open_vehicle(links, drone, system) as vehicle:
+        async with open_vehicle(access, drone) as vehicle:
             return await vehicle.download_plan()
 
     plan = asyncio.run(download())
@@ -146,10 +146,10 @@ def plan_clear(
     from gcs.plans.autopilot_client import FENCE as GEOFENCE
     from gcs.plans.autopilot_client import MISSION, RALLY, open_vehicle
 
-    links, system = mavlink_links(config, link)
+    access = mavlink_access(config, link)
 
     async def clear() -> tuple[str, ...]:
-        async with open_vehicle(links, drone, system) as vehicle:
+        async with open_vehicle(access, drone) as vehicle:
             vehicle.expect_disarmed(force=force)
             done = [await vehicle.clear(MISSION), await vehicle.clear(RALLY)]
             done.append(await (vehicle.clear(GEOFENCE) if clear_fence else vehicle.kept(GEOFENCE)))

@@ -1,4 +1,4 @@
-"""One drone's agent as its own messages describe it: newest state, tree, what it flew, how it keeps time."""
+"""One drone's agent as its own messages describe it: newest state, table, what it flew, how it keeps time."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections import deque
 
 from flightstack.swarm.incarnations import FLYING_PHASES, Incarnations
-from flightstack.swarm.wire import DroneState, Phase, TreeState
+from flightstack.swarm.wire import DroneState, Phase, TableState
 
 TICK_WINDOW_S = 10.0
 """Late ticks are counted over this long."""
@@ -19,8 +19,8 @@ class HeardAgent:
         self.drone = drone
         self.state: DroneState | None = None
         self.state_s: float | None = None
-        self.tree: TreeState | None = None
-        self.tree_s: float | None = None
+        self.table: TableState | None = None
+        self.table_s: float | None = None
         self.incarnations = Incarnations()
         self.flown = False
         """The agent had its vehicle in the air and the vehicle has not been seen disarmed since."""

@@ -11,7 +11,7 @@ What it must not do is end a healthy survey, or fight a person:
   own ways into other modes are not a pilot's: HOLD at the end of its take-off, and what COM_OBL_RC_ACT says when the
   setpoints stop. That is a pilot's mode as PX4 comes, in which it sinks to the ground where it is if nobody is there.
 * A companion heard over MAVLink, or surveying agents that still count the drone in, tell that the agent lives
-  and only our own radio is bad. (Drones on their way home no longer keep the tree, so they do not testify.)
+  and only our own radio is bad. (Drones on their way home no longer keep the table, so they do not testify.)
 * When all agents fall silent at once our own radio is the likelier cause: a longer grace.
 """
 

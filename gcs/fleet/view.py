@@ -26,7 +26,7 @@ from flightstack.swarm.wire import (
     Event,
     GroundReport,
     HeardVehicle,
-    TreeState,
+    TableState,
 )
 from gcs.fleet.agents import HeardAgent
 from gcs.fleet.vehicles import Component, Vehicles
@@ -211,10 +211,10 @@ class FleetView:
         match message:
             case DroneState():
                 self.agent(message.sender).receive_state(now_s, message)
-            case TreeState():
+            case TableState():
                 agent = self.agent(message.sender)
                 if agent.incarnations.speaks(message.incarnation):
-                    agent.tree, agent.tree_s = message, now_s
+                    agent.table, agent.table_s = message, now_s
             case Event():
                 self.events.append((now_s, message))
             case Command():
@@ -262,21 +262,21 @@ class FleetView:
         return agent is not None and stale_s is not None and agent.age_s(now_s) <= stale_s
 
     def witnesses(self, drone: int, now_s: float) -> list[HeardAgent]:
-        """The other agents whose fresh trees count `drone` in: they hear it, whatever we do."""
+        """The other agents whose tables count `drone` in: they hear it, whatever we do."""
         return [a for a, counted_in in self._countings(drone, now_s) if counted_in]
 
     def missed(self, drone: int, now_s: float) -> bool:
-        """Whether the fresh tree of another agent does not count `drone` in: that one may not hear it."""
+        """Whether the table of another agent does not count `drone` in: that one may not hear it."""
         return not all(counted_in for _, counted_in in self._countings(drone, now_s))
 
     def _countings(self, drone: int, now_s: float) -> Iterator[tuple[HeardAgent, bool]]:
-        """The other agents with fresh trees, and whether each counts `drone` in."""
+        """The other live agents that have told a table, and whether each counts `drone` in."""
         for agent in self.agents.values():
-            tree, tree_s = agent.tree, agent.tree_s
-            if agent.drone == drone or tree is None or tree_s is None:
+            table, table_s = agent.table, agent.table_s
+            if agent.drone == drone or table is None or table_s is None:
                 continue
-            if now_s - tree_s <= (topics.TREE.stale_s or 0.0):
-                yield agent, drone not in tree.lost and any(member == drone for member, _ in tree.slots)
+            if self.agent_live(agent.drone, now_s) and now_s - table_s <= (topics.TABLE.stale_s or 0.0):
+                yield agent, drone in table.held
 
     def frame_matches(self, drone: int) -> bool:
         """Whether the drone's positions are in our frame (or nothing speaks against it)."""
@@ -351,7 +351,7 @@ class FleetView:
             parent=state.parent if state is not None else None,
             healing=state.healing if state is not None else False,
             crash=self.crash(drone, now_s),
-            heals=agent.tree.heals if agent.tree is not None else 0,
+            heals=agent.table.heals if agent.table is not None else 0,
             restarts=agent.incarnations.restarts,
             late_tick_fraction=agent.late_fraction(),
             frame_matches=self.frame_matches(drone),

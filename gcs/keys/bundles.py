@@ -4,8 +4,10 @@
     crater/authority/authority.{pem,key}  stays here: whoever has the key can make members
     crater/drone-3/authority.pem, drone-3.{pem,key}, swarm.yaml
     crater/ground/authority.pem, ground.{pem,key}, swarm.yaml
+    crater/relay/authority.pem, relay.{pem,key}, zenohd.json5
 
-`swarm.yaml` is the `swarm` section of the node's configuration file.
+`swarm.yaml` is the `swarm` section of the node's configuration file, `zenohd.json5` the whole of the router's, if one
+joins several sites.
 """
 
 from __future__ import annotations
@@ -15,44 +17,18 @@ import datetime
 import os
 import pathlib
 from collections.abc import Iterable, Iterator
-from typing import Annotated, Final
+from typing import Final
 
 import msgspec
 import yaml
-from msgspec import Meta
 
-from flightstack.config import DroneId, NodeName, Section
-from flightstack.transport import TransportError
-from flightstack.transport.access_rules import common_name, name_clashes
-from flightstack.transport.endpoints import check_endpoint
 from gcs.errors import GroundError
 from gcs.keys.authority import Pair, check_library, new_authority, sign
+from gcs.keys.node_files import router_file, swarm_section
+from gcs.keys.roster import AUTHORITY, ROUTER_FILE, Fleet, check_fleet
 from mission.documents.yaml_file import parse, read_text
 
-AUTHORITY: Final = "authority"
 _FLEET_FILE: Final = "fleet.yaml"
-
-
-class FleetNode(Section, frozen=True, kw_only=True):
-    name: NodeName
-    """As in its certificate: "drone-3", or a station's name."""
-    host: Annotated[str, Meta(min_length=1)]
-    """Address at which the others reach it."""
-
-
-class Fleet(Section, frozen=True, kw_only=True):
-    """Who belongs to a fleet; drones in the order in which they take the formation's slots."""
-
-    swarm: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]+$")]
-    drones: dict[DroneId, str]
-    """Id: address at which the others reach it."""
-    stations: dict[NodeName, str]
-    port: Annotated[int, Meta(ge=1, le=65535)] = 7447
-
-    def nodes(self) -> list[FleetNode]:
-        """Everybody, in the order in which connections are made (`swarm.connect`)."""
-        named = [*self.stations.items(), *((common_name(drone), host) for drone, host in self.drones.items())]
-        return [FleetNode(name=name, host=host) for name, host in named]
 
 
 def create(
@@ -63,7 +39,7 @@ def create(
     Nothing is overwritten without `force`: a new authority makes every key and certificate before it worthless.
     """
     check_library()
-    _check(fleet)
+    check_fleet(fleet)
     if not force and directory.is_dir() and any(directory.iterdir()):
         raise GroundError(
             f"{directory} is not empty; gcs fleet add and renew change a fleet, and --force makes a new one, whose "
@@ -77,23 +53,36 @@ def create(
     authority = new_authority(fleet.swarm, now)
     with _told(directory):
         _keep(directory / AUTHORITY, AUTHORITY, authority)
-        return _write(directory, fleet, authority, fleet.nodes(), now, valid, fresh=True)
+        return _write(directory, fleet, authority, fleet.everybody(), now, valid, fresh=True)
 
 
 def add(
-    directory: pathlib.Path, drones: dict[int, str], stations: dict[str, str], valid: datetime.timedelta
+    directory: pathlib.Path,
+    drones: dict[int, str],
+    stations: dict[str, str],
+    valid: datetime.timedelta,
+    site: str | None = None,
+    router: tuple[str, str] | None = None,
 ) -> tuple[list[pathlib.Path], list[pathlib.Path]]:
-    """More nodes: (their bundles, the others' `swarm.yaml`, which name the new ones now)."""
+    """More nodes: (their bundles, the others' files, which name the new ones now).
+
+    In a fleet of several sites they are all at `site`, which may be new; `router` is the router's name and the
+    address at which that site reaches it.
+    """
     check_library()
     fleet = read(directory)
     for known in sorted({*drones} & {*fleet.drones}):
         raise GroundError(f"{directory}: drone {known} is in this fleet already; gcs fleet renew renews it")
     for name in sorted({*stations} & {*fleet.stations}):
         raise GroundError(f"{directory}: {name} is in this fleet already; gcs fleet renew renews it")
-    before = {node.name for node in fleet.nodes()}
-    fleet = msgspec.structs.replace(fleet, drones=fleet.drones | drones, stations=fleet.stations | stations)
-    _check(fleet)
-    new = [node for node in fleet.nodes() if node.name not in before]
+    if site is not None and fleet.router is None:
+        raise GroundError(f"--site {site}: this fleet has no router; docs/sites.md says how it gets one")
+    if router is not None and router[0] != fleet.router:
+        raise GroundError(f"--router {router[0]}: this fleet's router is {fleet.router or 'none'}")
+    before = fleet.everybody()
+    fleet = fleet.with_nodes(drones, stations, site, None if router is None else router[1])
+    check_fleet(fleet)
+    new = [name for name in fleet.everybody() if name not in before]
     with _told(directory):
         made = _write(
             directory,
@@ -104,23 +93,22 @@ def add(
             valid,
             fresh=True,
         )
-    return made, [directory / node.name / "swarm.yaml" for node in fleet.nodes() if node.name in before]
+    return made, [_section_file(directory, fleet, name) for name in before]
 
 
 def renew(directory: pathlib.Path, names: Iterable[str], valid: datetime.timedelta) -> list[pathlib.Path]:
     """New certificates for the same keys; of everybody if no `names` are given. Returns the certificates."""
     check_library()
     fleet = read(directory)
-    wanted = list(names) or [node.name for node in fleet.nodes()]
-    nodes = {node.name: node for node in fleet.nodes()}
+    check_fleet(fleet)
+    everybody = fleet.everybody()
+    wanted = list(names) or everybody
     for name in wanted:
-        if name not in nodes:
-            raise GroundError(f"{directory}: {name} is not in this fleet, which has {', '.join(nodes)}")
+        if name not in everybody:
+            raise GroundError(f"{directory}: {name} is not in this fleet, which has {', '.join(everybody)}")
     now = datetime.datetime.now(datetime.UTC)
     with _told(directory):
-        _write(
-            directory, fleet, _authority(directory), [nodes[name] for name in wanted], now, valid, fresh=False
-        )
+        _write(directory, fleet, _authority(directory), wanted, now, valid, fresh=False)
     return [directory / name / f"{name}.pem" for name in wanted]
 
 
@@ -134,22 +122,8 @@ def read(directory: pathlib.Path) -> Fleet:
     return parse(read_text(file), Fleet, str(file))
 
 
-def swarm_section(fleet: Fleet, node: FleetNode) -> str:
-    """The `swarm` section of a node's configuration file, YAML."""
-    endpoints = {other.name: _endpoint(other.host, fleet.port) for other in fleet.nodes()}
-    section = {
-        "name": fleet.swarm,
-        "members": list(fleet.drones),
-        "listen": [endpoints[node.name]],
-        "connect": list(endpoints.values()),
-        "tls": {
-            "authority": f"{AUTHORITY}.pem",
-            "certificate": f"{node.name}.pem",
-            "private_key": f"{node.name}.key",
-            "stations": list(fleet.stations),
-        },
-    }
-    return yaml.safe_dump({"swarm": section}, sort_keys=False, default_flow_style=None, width=110)
+def _section_file(directory: pathlib.Path, fleet: Fleet, name: str) -> pathlib.Path:
+    return directory / name / (ROUTER_FILE if name == fleet.router else "swarm.yaml")
 
 
 def write_keys(
@@ -165,30 +139,6 @@ def write_keys(
     _replace(bundle / f"{AUTHORITY}.pem", authority.certificate)
 
 
-def _check(fleet: Fleet) -> None:
-    for problem in name_clashes(list(fleet.stations), [AUTHORITY]):
-        raise GroundError(f"stations: {problem}")
-    if not fleet.drones:
-        raise GroundError("a fleet has at least one drone")
-    hosts: dict[str, str] = {}
-    for node in fleet.nodes():
-        other = hosts.setdefault(node.host, node.name)
-        if other != node.name:
-            raise GroundError(f"{other} and {node.name} have the same address {node.host}; give each its own")
-        try:
-            check_endpoint("connect", f"tcp/{_bracketed(node.host)}:{fleet.port}", None)
-        except TransportError as error:
-            raise GroundError(f"{node.name}: {node.host!r} is no address of a host") from error
-
-
-def _bracketed(host: str) -> str:
-    return f"[{host}]" if ":" in host else host
-
-
-def _endpoint(host: str, port: int) -> str:
-    return f"tls/{_bracketed(host)}:{port}"
-
-
 def _authority(directory: pathlib.Path) -> Pair:
     kept = directory / AUTHORITY
     return Pair((kept / f"{AUTHORITY}.pem").read_bytes(), (kept / f"{AUTHORITY}.key").read_bytes())
@@ -198,21 +148,26 @@ def _write(
     directory: pathlib.Path,
     fleet: Fleet,
     authority: Pair,
-    nodes: Iterable[FleetNode],
+    names: Iterable[str],
     now: datetime.datetime,
     valid: datetime.timedelta,
     *,
     fresh: bool,
 ) -> list[pathlib.Path]:
-    """Sign for `nodes`, with new keys if `fresh`, and tell everybody who belongs to the fleet."""
+    """Sign for `names`, with new keys if `fresh`, and tell everybody who belongs to the fleet."""
     made = []
-    for node in nodes:
-        bundle = directory / node.name
-        key = None if fresh else (bundle / f"{node.name}.key").read_bytes()
-        write_keys(bundle, authority, node.name, now, valid, key)
-        made.append(bundle)
+    for name in names:
+        file = directory / name / f"{name}.key"
+        # A router that was written into the fleet's file by hand has no key yet.
+        new = fresh or (name == fleet.router and not file.exists())
+        write_keys(file.parent, authority, name, now, valid, None if new else file.read_bytes())
+        made.append(file.parent)
     for node in fleet.nodes():
-        _replace(directory / node.name / "swarm.yaml", swarm_section(fleet, node).encode())
+        _replace(_section_file(directory, fleet, node.name), swarm_section(fleet, node).encode())
+    if fleet.router is not None:
+        file = _section_file(directory, fleet, fleet.router)
+        file.parent.mkdir(exist_ok=True)
+        _replace(file, router_file(fleet, fleet.router).encode())
     written = yaml.safe_dump(msgspec.to_builtins(fleet, str_keys=False), sort_keys=False)
     _replace(directory / _FLEET_FILE, written.encode())
     return made

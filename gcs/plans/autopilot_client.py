@@ -35,6 +35,7 @@ from gcs.plans.mission_items import (
 )
 from gcs.plans.nearness import nearness_warnings
 from gcs.plans.vehicle_link import VehicleError, VehicleLink, find_vehicle, open_links
+from gcs.station_config import MavlinkConfig
 from mission.documents.flight_plan import Plan
 from mission.geometry.geofence import Geofence
 
@@ -71,11 +72,11 @@ def check_parameter(name: str, value: float = 0.0) -> str:
 
 
 @contextlib.asynccontextmanager
-async def open_vehicle(links: Sequence[str], drone: int, system: int) -> AsyncIterator[Vehicle]:
-    """Find drone `drone` on the links, as ground station `system`. `GroundError` says what is missing."""
-    opened = open_links(links)
+async def open_vehicle(access: MavlinkConfig, drone: int) -> AsyncIterator[Vehicle]:
+    """Find drone `drone` on the links. `GroundError` says what is missing."""
+    opened = open_links(access.links, access.signing_key)
     try:
-        vehicle = Vehicle(await find_vehicle(opened, drone, system), system)
+        vehicle = Vehicle(await find_vehicle(opened, drone, access.system), access.system)
         try:
             yield vehicle
         finally:

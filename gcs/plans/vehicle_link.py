@@ -7,6 +7,8 @@ heard by who transfers lists.
 from __future__ import annotations
 
 import asyncio
+import logging
+import pathlib
 import time
 from collections.abc import Awaitable, Callable, Sequence
 from typing import Any, Final, Protocol, TypeVar
@@ -17,18 +19,24 @@ from flightstack.mavlink import vehicle_state
 from flightstack.mavlink.codec import MavlinkCodec, MavlinkMessage
 from flightstack.mavlink.commands import heartbeat, message_once
 from flightstack.mavlink.exchanges import Answer
-from flightstack.mavlink.framing import MavlinkFrame
+from flightstack.mavlink.framing import MavlinkFrame, is_signed
 from flightstack.mavlink.link import ByteLink, open_link
+from flightstack.mavlink.link.signed_link import SignedLink
 from flightstack.mavlink.modes import Flavour
 from flightstack.mavlink.role import AUTOPILOT_COMPONENT, Role, why_not_flown
+from flightstack.mavlink.signing_store import SigningStore
 from flightstack.mavlink.statustext import StatusText
 from flightstack.mavlink.vehicle_state import VehicleState
 from gcs.errors import GroundError
 from mission.geometry.frames import Geodetic
 
+log = logging.getLogger("gcs")
+
 COMPONENT: Final = mavlink.MAV_COMP_ID_MISSIONPLANNER
 """190: what ground stations use."""
 DISCOVERY_S: Final = 8.0
+SIGNED_LINKS: Final = 100
+"""Numbers of signed links from here on are those of commands: the running station has the same ids."""
 _TURN_S: Final = 0.01
 _HEARTBEAT_S: Final = 1.0
 _WHEREABOUTS_S: Final = 1.0
@@ -88,6 +96,13 @@ class VehicleLink:
     def flavour(self) -> Flavour:
         return self.state.flavour
 
+    def over(self, link: ByteLink) -> VehicleLink:
+        """The same vehicle, spoken to over another link from now on."""
+        return VehicleLink(link, self._codec, self.state)
+
+    def send(self, message: Any) -> None:
+        self._link.write(self._codec.encode(message))
+
     # -- what a command waits for --------------------------------------------------------------------------
 
     async def ask(self, exchange: Exchange, hears: Callable[[float, MavlinkMessage], None]) -> None:
@@ -96,7 +111,7 @@ class VehicleLink:
         try:
             while exchange.answer is Answer.PENDING:
                 for message in exchange.step(time.monotonic(), self.state):
-                    self._link.write(self._codec.encode(message))
+                    self.send(message)
                 await self._turn()
         finally:
             self.hears = None
@@ -127,7 +142,7 @@ class VehicleLink:
                     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
                     mavlink.MAVLINK_MSG_ID_HOME_POSITION,
                 ):
-                    self._link.write(self._codec.encode(message_once(self.state, kind)))
+                    self.send(message_once(self.state, kind))
             await self._turn()
         return self.state.geodetic or self.state.home
 
@@ -198,18 +213,27 @@ def _heard(
             continue
         heard[message.system] = ""
         if message.system == drone:
+            if is_signed(frame.data) and not isinstance(link, SignedLink):
+                log.warning(
+                    "drone %d signs, and may obey nobody without its key: mavlink.signing_key in --config",
+                    drone,
+                )
             found = VehicleLink(link, codec, state)
             found.heartbeat = frame
             return found
     return None
 
 
-def open_links(links: Sequence[str]) -> list[ByteLink]:
-    """All of them; `LinkError` says which cannot be opened, and none is open then."""
+def open_links(links: Sequence[str], signing_key: str | None = None) -> list[ByteLink]:
+    """All of them, signed if a key's file is given; what cannot be opened raises with one line, and none is open."""
+    store = None if signing_key is None else SigningStore(pathlib.Path(signing_key))
     opened: list[ByteLink] = []
     try:
-        for link in links:
-            opened.append(open_link(link))  # noqa: PERF401 (what was opened has to be closed again)
+        for index, text in enumerate(links):
+            link = open_link(text)
+            if store is not None:
+                link = SignedLink(link, store, SIGNED_LINKS + index % 100, tells=False)
+            opened.append(link)
     except Exception:
         for each in opened:
             each.close()

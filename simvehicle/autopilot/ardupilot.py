@@ -291,6 +291,7 @@ def _build(parts: SharedParts) -> Personality:
             pilot,
         ),
         switch_mode=modes.set_mode,
+        unheard=failsafes.unheard,
     )
 
 

@@ -47,6 +47,18 @@ _GROUND_STATION_ACTIONS = {
     7: ArduPilotMode.BRAKE,
 }
 """FS_GCS_ENABLE"""
+_REMOTE_CONTROL_ACTIONS = {
+    1: ArduPilotMode.RTL,
+    2: ArduPilotMode.RTL,
+    3: ArduPilotMode.LAND,
+    4: ArduPilotMode.SMART_RTL,
+    5: ArduPilotMode.SMART_RTL,
+    6: ArduPilotMode.RTL,
+    7: ArduPilotMode.BRAKE,
+}
+"""FS_THR_ENABLE (https://ardupilot.org/copter/docs/radio-failsafe.html)"""
+_FLIES_ON_GUIDED = 4
+"""Bit of FS_OPTIONS: the loss of the remote control does not end GUIDED."""
 
 
 class ArduPilotFailsafes:
@@ -77,18 +89,23 @@ class ArduPilotFailsafes:
         self.battery_low = False
         self.battery_critical = False
         self._ground_lost = False
+        self.unheard: set[str] = set()
+        """What is missed on purpose."""
+        self._remote_lost = False
         flight.after_disarming.append(self._disarmed)
 
     def step(self, now_s: float) -> None:
         self._gps(now_s)
         self._battery(now_s)
         self._ground_station(now_s)
+        self._remote_control()
         self._fence.step(self._act)
 
     @property
     def active(self) -> bool:
         """One of them, the fence's excepted, has the vehicle."""
-        return self._estimate.lost or self.battery_low or self.battery_critical or self._ground_lost
+        battery = self.battery_low or self.battery_critical
+        return self._estimate.lost or battery or self._ground_lost or self._remote_lost
 
     def armed(self) -> None:
         self._yaw_aligned = False
@@ -180,9 +197,10 @@ class ArduPilotFailsafes:
     def _ground_station(self, now_s: float) -> None:
         p = self._parameters
         heard_s = self._ground_heard_s.get(int(p["SYSID_MYGCS"]))
-        if not p["FS_GCS_ENABLE"] or heard_s is None:
+        unheard = "ground_link" in self.unheard
+        if not p["FS_GCS_ENABLE"] or (heard_s is None and not (unheard or self._ground_lost)):
             return
-        lost = now_s - heard_s > p["FS_GCS_TIMEOUT"]
+        lost = unheard or (heard_s is not None and now_s - heard_s > p["FS_GCS_TIMEOUT"])
         if lost and not self._ground_lost:
             self._ground_lost = True
             self._announcer.say(_WARNING, "GCS Failsafe")
@@ -196,6 +214,17 @@ class ArduPilotFailsafes:
         elif not lost and self._ground_lost:
             self._ground_lost = False
             self._announcer.say(_WARNING, "GCS Failsafe Cleared")
+
+    def _remote_control(self) -> None:
+        p = self._parameters
+        lost = "remote_control" in self.unheard and bool(p["FS_THR_ENABLE"])
+        if lost and not self._remote_lost:
+            self._announcer.say(_WARNING, "Radio Failsafe")
+            if not (int(p["FS_OPTIONS"]) & _FLIES_ON_GUIDED and self._modes.mode is ArduPilotMode.GUIDED):
+                self._act(_REMOTE_CONTROL_ACTIONS.get(int(p["FS_THR_ENABLE"])))
+        elif self._remote_lost and not lost:
+            self._announcer.say(_WARNING, "Radio Failsafe Cleared")
+        self._remote_lost = lost
 
 
 def _since(before_s: float | None, now_s: float, is_so: bool) -> float | None:

@@ -10,6 +10,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from flightstack.mavlink.signing import Signing
 from mission.geometry.frames import Vector3
 from simvehicle.autopilot.announcer import Announcer
 from simvehicle.autopilot.channel import Channel, ChannelPeer, Handler
@@ -17,6 +18,7 @@ from simvehicle.autopilot.commands import CommandServer
 from simvehicle.autopilot.flight import TICK_S, Flight
 from simvehicle.autopilot.flight_commands import FlightCommands
 from simvehicle.autopilot.link_services import LinkServices
+from simvehicle.autopilot.link_signing import LinkSigning
 from simvehicle.autopilot.message_router import MessageRouter
 from simvehicle.autopilot.message_streams import MessageStreams
 from simvehicle.autopilot.mission_run import Told
@@ -48,7 +50,10 @@ class Autopilot:
         ready_after_s: float,
         seed: int,
         quiet: bool = False,
+        signing: Signing | None = None,
+        usb_links: tuple[int, ...] = (),
     ) -> None:
+        """`signing`: the key that the vehicle was given before. On `usb_links` it needs no signature."""
         parameters.set(recipe.system_parameter, float(system))
         self.parameters = parameters
         self.silent = False
@@ -56,7 +61,8 @@ class Autopilot:
         self._powered = False
         self._ticks = 0
         self._heartbeat_due_s = 0.0
-        self._channels = [Channel(index, system) for index in range(links)]
+        self._signing = LinkSigning(signing, usb_links)
+        self._channels = [Channel(index, system, self._signing) for index in range(links)]
         self._announcer = Announcer(self._channels, self._message, recipe.texts, lambda: self.flight.now_s)
         vehicle = make_vehicle(world, home_ned_m, recipe.battery(parameters), system=system, seed=seed)
         self.vehicle = vehicle
@@ -109,6 +115,7 @@ class Autopilot:
         }
         commands = CommandServer(table, self._channels, self._announcer.flush, own.split_mode, own.answers)
         handlers: dict[str, Handler] = {
+            "SETUP_SIGNING": lambda _channel, _peer, message: self._set_signing(message),
             "SET_POSITION_TARGET_LOCAL_NED": lambda _channel, _peer, message: own.events.setpoint(message),
             "SET_POSITION_TARGET_GLOBAL_INT": lambda _channel, _peer, message: own.events.setpoint(message),
         }
@@ -132,6 +139,17 @@ class Autopilot:
     def _list_message(self, _channel: Channel, peer: ChannelPeer, message: Any) -> None:
         self._missions.receive(self.flight.now_s, peer, message)
         self._announcer.flush()
+
+    @property
+    def signing_key(self) -> bytes | None:
+        """What it signs with; None: it does not."""
+        return self._signing.key
+
+    def _set_signing(self, message: Any) -> None:
+        if self.flight.armed:
+            self._announcer.say(mavlink.MAV_SEVERITY_ERROR, "ERROR: Won't setup signing when armed")
+        else:
+            self._signing.setup(message)
 
     def _message(self, message_id: int) -> Any | None:
         return self.streams.messages[message_id]()

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from flightstack.mavlink.codec import MavlinkCodec
-from flightstack.mavlink.dialect import MESSAGES
 from flightstack.mavlink.fields import layout
 from flightstack.mavlink.framing import FrameFinder, MavlinkFrame
 
@@ -37,13 +36,22 @@ class Stream:
     due_s: float
 
 
+class Signatures(Protocol):
+    """The vehicle's, on all links."""
+
+    def believes(self, link: int, frame: MavlinkFrame) -> bool: ...
+
+    def sign(self, link: int, frame: bytes) -> bytes: ...
+
+
 class Channel:
     """Bytes in, messages out; messages in, bytes out. No sockets."""
 
-    def __init__(self, link: int, system: int) -> None:
+    def __init__(self, link: int, system: int, signatures: Signatures) -> None:
         self.link = link
+        self._signatures = signatures
         self._sender = MavlinkCodec(system, 1)
-        self._finder = FrameFinder()
+        self._finder = FrameFinder(known_only=True)
         self._out: list[bytes] = []
         self.streams: dict[int, Stream] = {}
         self.next_due_s = float("inf")
@@ -58,19 +66,19 @@ class Channel:
     def parse(self, data: bytes) -> list[tuple[MavlinkFrame, Any]]:
         """The whole frames that `data` completes, with their fields (`flightstack.mavlink.fields`).
 
-        Damaged ones are dropped, as on the air, and so is what the dialect does not know.
+        Damaged ones are dropped, as on the air, and so is what the dialect does not know and what is not believed.
         """
         return [
             (frame, layout(frame.kind).unpack(frame.payload))
             for frame in self._finder.find(data)
-            if frame.kind in MESSAGES
+            if self._signatures.believes(self.link, frame)
         ]
 
     def send(self, message: Any) -> None:
-        self._out.append(self._sender.encode(message))
+        self._out.append(self._signatures.sign(self.link, self._sender.encode(message)))
 
     def forward(self, frame: MavlinkFrame) -> None:
-        """Pass on another component's message as it came."""
+        """Pass on another component's message as it came, with its signature or without."""
         self._out.append(frame.data)
 
     def drain(self) -> list[bytes]:

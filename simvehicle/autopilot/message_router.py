@@ -8,6 +8,8 @@ from typing import Any
 from flightstack.mavlink.framing import MavlinkFrame
 from simvehicle.autopilot.channel import Channel, ChannelPeer, Handler
 
+_KEPT = ("SETUP_SIGNING",)
+"""Never handed on: it holds the key."""
 _FORWARDED_TO_ALL = ("HEARTBEAT", "STATUSTEXT", "NAMED_VALUE_FLOAT")
 """Broadcasts that are handed to the other links. (Real autopilots hand on all of them; the rest is not needed.)"""
 
@@ -38,6 +40,8 @@ class MessageRouter:
         own, name = target == self._system, message.get_type()
         if target == 0 or (own and component in (0, 1)):
             self._handlers.get(name, self._others)(channel, peer, message)
+        if name in _KEPT:
+            return
         if target != 0 and not (own and component == 1):
             for other in self._channels:
                 if other is not channel and any(

@@ -102,6 +102,8 @@ class Personality:
     events: FlightEvents
     switch_mode: Callable[[int], object]
     """To a custom mode, as the pilot's switch does."""
+    unheard: set[str]
+    """What a failsafe misses on purpose: "remote_control", "ground_link"."""
 
 
 class FlavourRecipe(NamedTuple):

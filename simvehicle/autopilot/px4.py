@@ -31,7 +31,7 @@ from simvehicle.autopilot.px4_estimate import Px4Estimate
 from simvehicle.autopilot.px4_failsafes import Px4Failsafes
 from simvehicle.autopilot.px4_lists import Px4Lists
 from simvehicle.autopilot.px4_mode_control import OffboardSetpoints, Px4ModeControl
-from simvehicle.autopilot.px4_modes import Px4Mode
+from simvehicle.autopilot.px4_modes import STICKS, Px4Mode
 from simvehicle.autopilot.px4_report import Px4Report
 from simvehicle.autopilot.px4_voice import Px4Voice
 from simvehicle.autopilot.setpoints import motion_of
@@ -196,6 +196,10 @@ class Px4Pilot:
         self._remote = remote
         self._modes = modes
 
+    def take(self) -> None:
+        """A person holds the remote control from now on, its sticks centred."""
+        self._modes.sticks_s = math.inf
+
     def moved(self, given_us: list[int]) -> None:
         self._remote.take(given_us)
         self._modes.sticks_s = self._flight.now_s
@@ -321,6 +325,13 @@ def _build(parts: SharedParts) -> Personality:
     arming = Px4Arming(flight, parameters, estimate, modes, failsafes, report, voice)
     commands = Px4Commands(flight, parameters, voice, progress, modes, failsafes, arming, report)
     pilot = Px4Pilot(flight, parts.remote, modes)
+
+    def switch_mode(custom_mode: int) -> int:
+        mode = Px4Mode(custom_mode)
+        if mode in STICKS:
+            pilot.take()
+        return commands.enter(mode)
+
     return Personality(
         identity=Identity(
             mavlink.MAV_AUTOPILOT_PX4,
@@ -370,7 +381,8 @@ def _build(parts: SharedParts) -> Personality:
             report,
             announcer.broadcast,
         ),
-        switch_mode=lambda mode: commands.enter(Px4Mode(mode)),
+        switch_mode=switch_mode,
+        unheard=failsafes.unheard,
     )
 
 

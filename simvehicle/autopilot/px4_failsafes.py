@@ -38,7 +38,9 @@ _OFFBOARD_ACTIONS = {
 """COM_OBL_RC_ACT. 0, and whatever else it is set to, is Position: a pilot's mode also where there is no pilot."""
 _TERMINATES, _DISARMS = 6, 7
 _LINK_ACTIONS = {1: Px4Mode.HOLD, 2: Px4Mode.RETURN, 3: Px4Mode.LAND}
-"""NAV_DLL_ACT."""
+"""NAV_DLL_ACT and NAV_RCL_ACT."""
+_FLIES_ON_OFFBOARD = 4
+"""Bit of COM_RCL_EXCEPT: the loss of the remote control does not end Offboard."""
 _FENCE_ACTIONS = {2: Px4Mode.HOLD, 3: Px4Mode.RETURN, 5: Px4Mode.LAND}
 """GF_ACTION."""
 _ACTION_NUMBERS = {
@@ -57,7 +59,7 @@ _BATTERY_WARNINGS = (
 )
 _BY_FAILSAFE = 14
 """Reason for disarming."""
-_LINK_LOST, _BATTERY_CRITICAL, _BATTERY_EMERGENCY = 2, 4, 5
+_REMOTE_LOST, _LINK_LOST, _BATTERY_CRITICAL, _BATTERY_EMERGENCY = 1, 2, 4, 5
 """Causes that events tell."""
 
 
@@ -86,6 +88,9 @@ class Px4Failsafes:
         self._ground_heard_s = ground_heard_s
         self._offboard_lost = False
         self._link_lost = False
+        self.unheard: set[str] = set()
+        """What is missed on purpose."""
+        self._remote_lost = False
         self.breached = False
         self.battery_level = 0
         """0 in order, 1 low, 2 critical, 3 emergency: only grows."""
@@ -120,6 +125,7 @@ class Px4Failsafes:
         self._position(now_s)
         self._offboard(now_s)
         self._link(now_s)
+        self._remote_control(now_s)
         self._battery(now_s)
         self._fence(now_s)
         if self._pending is not None and now_s >= self._pending[0]:
@@ -205,9 +211,10 @@ class Px4Failsafes:
 
     def _link(self, now_s: float) -> None:
         heard_s = max(self._ground_heard_s.values(), default=None)
-        if heard_s is None:
+        unheard = "ground_link" in self.unheard
+        if heard_s is None and not (unheard or self._link_lost):
             return
-        lost = now_s - heard_s > self._parameters["COM_DL_LOSS_T"]
+        lost = unheard or (heard_s is not None and now_s - heard_s > self._parameters["COM_DL_LOSS_T"])
         if lost and not self._link_lost:
             text = "Connection to ground control station lost"
             self._voice.tell("commander_gcs_lost", _WARNING, text=text)
@@ -217,6 +224,20 @@ class Px4Failsafes:
         elif self._link_lost and not lost:
             self._voice.tell("commander_dl_regained", _INFO, text="GCS connection regained")
         self._link_lost = lost
+
+    def _remote_control(self, now_s: float) -> None:
+        """It was heard until it is lost: the vehicles that we simulate have one without needing it."""
+        p, modes = self._parameters, self._modes
+        lost = "remote_control" in self.unheard
+        if lost:
+            modes.sticks_s = -math.inf
+        if lost and not self._remote_lost:
+            self._voice.tell("commander_rc_lost", _CRITICAL, text="Manual control lost")
+            action = _LINK_ACTIONS.get(int(p["NAV_RCL_ACT"]))
+            flies_on = modes.mode is Px4Mode.OFFBOARD and int(p["COM_RCL_EXCEPT"]) & _FLIES_ON_OFFBOARD
+            if action is not None and self._flight.armed and not flies_on:
+                self._activate(now_s, action, _REMOTE_LOST)
+        self._remote_lost = lost
 
     def _battery(self, now_s: float) -> None:
         p = self._parameters

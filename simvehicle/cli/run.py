@@ -99,10 +99,19 @@ def run(
 
 
 def _read(path: pathlib.Path) -> FleetConfig:
+    import msgspec
+
     from mission.documents.yaml_file import parse, read_text
     from simvehicle.fleet.fleet_config import FleetConfig
 
-    return parse(read_text(path), FleetConfig, str(path))
+    config = parse(read_text(path), FleetConfig, str(path))
+    vehicles = tuple(
+        vehicle
+        if vehicle.signing_key is None
+        else msgspec.structs.replace(vehicle, signing_key=str(path.parent / vehicle.signing_key))
+        for vehicle in config.vehicles
+    )
+    return msgspec.structs.replace(config, vehicles=vehicles)
 
 
 def _announce(config: FleetConfig, *, as_json: bool) -> None:

@@ -25,6 +25,11 @@ class VehicleSpec(Section, frozen=True, kw_only=True):
     home_east_m: float = 0.0
     links: Annotated[tuple[str, ...], Meta(min_length=1)]
     """Each as pymavlink writes it, seen from the vehicle: "udpout:127.0.0.1:14541", "udpin:…", "tcpin:…"."""
+    signing_key: str | None = None
+    """File with the key that its autopilot was given, its path relative to this file's directory: it signs, and
+    believes nothing that is not signed. None: it signs nothing until it is given one."""
+    usb_links: tuple[int, ...] = ()
+    """Which of `links` (0 is the first) are cables at the autopilot's USB port, where it needs no signature."""
     instruments: tuple[EmulatedInstrument, ...] = ()
     quiet: bool = False
     """A PX4 sends its companion (the first link) 18 kB/s that nobody asked for. Quiet: 1 kB/s, as on other links."""

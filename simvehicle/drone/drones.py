@@ -13,7 +13,7 @@ from typing import NamedTuple
 from simvehicle.drone.drone_spec import VehicleSpec
 from simvehicle.drone.flown_vehicle import FlownVehicle
 from simvehicle.drone.instrument_lines import InstrumentLines, felt_wind_mps
-from simvehicle.faults.fault_table import FaultSpec
+from simvehicle.faults.fault_table import FaultSpec, Unheard
 from simvehicle.faults.schedule import FaultSchedule
 from simvehicle.world.air import World
 
@@ -46,8 +46,20 @@ class Drone:
     def set_plugged(self, instrument: str, plugged: bool) -> None:
         self.lines.set_plugged(instrument, plugged)
 
+    def set_stuck(self, instrument: str, stuck: bool) -> None:
+        self.lines.set_stuck(instrument, stuck)
+
+    def set_lying(self, instrument: str, by_ppm: float) -> None:
+        self.lines.set_lying(instrument, by_ppm)
+
     def set_gps(self, working: bool) -> None:
         self.vehicle.set_gps(working)
+
+    def set_gps_error(self, north_m: float) -> None:
+        self.vehicle.set_gps_error(north_m)
+
+    def set_heard(self, what: Unheard, heard: bool) -> None:
+        self.vehicle.set_heard(what, heard)
 
     def set_motors(self, working: bool) -> None:
         self.vehicle.set_motors(working)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from mission.geometry.frames import Vector3
+from simvehicle.faults.fault_table import Unheard
 
 
 class FlownVehicle(Protocol):
@@ -48,6 +49,10 @@ class FlownVehicle(Protocol):
     def battery_fraction(self) -> float: ...
 
     def set_gps(self, working: bool) -> None: ...
+
+    def set_gps_error(self, north_m: float) -> None: ...
+
+    def set_heard(self, what: Unheard, heard: bool) -> None: ...
 
     def set_motors(self, working: bool) -> None: ...
 

@@ -34,6 +34,9 @@ class InstrumentLines:
         self.feel_wind = any(instrument_type(item.type).quantity is Quantity.WIND for item in listed)
         """Some of them need to be told the wind that the airframe feels."""
         self._unplugged: set[str] = set()
+        self._stuck: dict[str, Air | None] = {}
+        """Instruments that go on measuring the same air, and which that is, once it is known."""
+        self._lying_ppm: dict[str, float] = {}
         self._said: dict[str, bytearray] = {}
 
     def __len__(self) -> int:
@@ -53,6 +56,17 @@ class InstrumentLines:
             self._unplugged.add(name)
             self._said.pop(name, None)
 
+    def set_stuck(self, name: str, stuck: bool) -> None:
+        """Whether an instrument goes on measuring the air of this moment, as one with a blocked inlet does."""
+        if stuck:
+            self._stuck.setdefault(name, None)
+        else:
+            self._stuck.pop(name, None)
+
+    def set_lying(self, name: str, by_ppm: float) -> None:
+        """How much more CO2 than there is an instrument measures."""
+        self._lying_ppm[name] = by_ppm
+
     def receive(self, name: str, now_s: float, data: bytes) -> None:
         """Bytes from the other end of a line."""
         if data and name not in self._unplugged:
@@ -60,9 +74,16 @@ class InstrumentLines:
 
     def step(self, now_s: float, air: Air) -> None:
         for name, emulator in self._emulators.items():
-            said = emulator.step(now_s, air)
+            said = emulator.step(now_s, self._measured(name, air))
             if said and name not in self._unplugged:
                 self._said.setdefault(name, bytearray()).extend(said)
+
+    def _measured(self, name: str, air: Air) -> Air:
+        """What an instrument makes of the air before its own errors."""
+        if name in self._stuck:
+            air = self._stuck[name] = self._stuck[name] or air
+        by_ppm = self._lying_ppm.get(name)
+        return air._replace(co2_ppm=max(0.0, air.co2_ppm + by_ppm)) if by_ppm else air
 
     def drain(self) -> dict[str, bytes]:
         """What the plugged instruments said since the last call."""

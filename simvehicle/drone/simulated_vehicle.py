@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import partial
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.mavlink.modes import Flavour, mode_name
+from flightstack.mavlink.signing import Signing
 from mission.geometry.frames import Vector3
 from simvehicle.autopilot.ardupilot import ARDUPILOT
 from simvehicle.autopilot.autopilot import Autopilot
@@ -15,6 +17,7 @@ from simvehicle.autopilot.parameters import Parameters
 from simvehicle.autopilot.personality import FlavourRecipe
 from simvehicle.autopilot.px4 import PX4
 from simvehicle.drone.drone_spec import VehicleSpec
+from simvehicle.faults.fault_table import Unheard
 from simvehicle.vehicle.dynamics import quaternion_of
 from simvehicle.world.air import World
 
@@ -33,8 +36,17 @@ class SimulatedVehicle:
     Raises `ValueError` for parameters that the flavour does not have.
     """
 
-    def __init__(self, spec: VehicleSpec, world: World, *, seed: int, ready_after_s: float) -> None:
-        """`ready_after_s`: from power-up until the autopilot lets itself be armed."""
+    def __init__(
+        self,
+        spec: VehicleSpec,
+        world: World,
+        *,
+        seed: int,
+        ready_after_s: float,
+        signing: Signing | None = None,
+    ) -> None:
+        """`ready_after_s`: from power-up until the autopilot lets itself be armed. `signing`: the key of
+        `spec.signing_key`, and how late it is."""
         self.spec = spec
         recipe, self._mode_name = _FLAVOURS[spec.flavour]
         self.autopilot = Autopilot(
@@ -47,6 +59,8 @@ class SimulatedVehicle:
             ready_after_s=ready_after_s,
             seed=seed,
             quiet=spec.quiet,
+            signing=signing,
+            usb_links=spec.usb_links,
         )
         self._body = self.autopilot.vehicle.body
 
@@ -84,8 +98,20 @@ class SimulatedVehicle:
         return quaternion_of(self._body.attitude_rad)
 
     @property
+    def position_error_m(self) -> float:
+        """How far from where it is its autopilot believes it to be."""
+        estimator = self.autopilot.vehicle.estimator
+        believed = (a + b for a, b in zip(estimator.position_m, estimator.origin_ned_m, strict=True))
+        return math.dist(tuple(believed), self.position_ned_m)
+
+    @property
     def airborne(self) -> bool:
         return not self._body.on_ground
+
+    @property
+    def at_rest(self) -> bool:
+        """On the ground, and its motors do not turn or do not work."""
+        return not self.airborne and (self._body.failed or not self.armed)
 
     @property
     def controllable(self) -> bool:
@@ -104,7 +130,17 @@ class SimulatedVehicle:
     @property
     def mode(self) -> str:
         """In the autopilot's own words: GUIDED, RTL, OFFBOARD."""
-        return self._mode_name(self.autopilot.personality.modes.custom_mode)
+        return self._mode_name(self.custom_mode)
+
+    @property
+    def custom_mode(self) -> int:
+        """As HEARTBEAT has it."""
+        return self.autopilot.personality.modes.custom_mode
+
+    @property
+    def silent(self) -> bool:
+        """Its autopilot neither sends nor hears."""
+        return self.autopilot.silent
 
     @property
     def battery_fraction(self) -> float:
@@ -114,6 +150,17 @@ class SimulatedVehicle:
 
     def set_gps(self, working: bool) -> None:
         self.autopilot.vehicle.estimator.gps = working
+
+    def set_gps_error(self, north_m: float) -> None:
+        """The receiver is off by this, and the estimator follows it at once."""
+        self.autopilot.vehicle.estimator.gps_error_north_m = north_m
+
+    def set_heard(self, what: Unheard, heard: bool) -> None:
+        """Whether the autopilot hears what it has a failsafe for."""
+        if heard:
+            self.autopilot.personality.unheard.discard(what)
+        else:
+            self.autopilot.personality.unheard.add(what)
 
     def set_silent(self, silent: bool) -> None:
         """Its radio is dead: it neither sends nor hears."""

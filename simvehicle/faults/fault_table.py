@@ -10,7 +10,20 @@ from msgspec import Meta
 
 from flightstack.config import Section
 
-FaultKind = Literal["unplug", "gps_loss", "battery_low", "motor", "tumble", "silence"]
+FaultKind = Literal[
+    "unplug",
+    "stuck",
+    "lying",
+    "gps_loss",
+    "gps_jump",
+    "battery_low",
+    "failsafe",
+    "motor",
+    "tumble",
+    "silence",
+]
+Unheard = Literal["remote_control", "ground_link"]
+"""What an autopilot misses, by which its failsafe acts."""
 
 
 class FaultSpec(Section, frozen=True, kw_only=True):
@@ -19,9 +32,16 @@ class FaultSpec(Section, frozen=True, kw_only=True):
     drone: int
     at_s: Annotated[float, Meta(ge=0.0)]
     kind: FaultKind
-    """"unplug" needs `instrument`; "silence" stops the vehicle's MAVLink; "motor" makes it fall flat,
-    "tumble" on its back."""
+    """"silence" stops the vehicle's MAVLink; "motor" makes it fall flat, "tumble" on its back. Which fields a kind
+    needs stands in `FAULTS`."""
     instrument: str = ""
+    """Of "unplug"; of "stuck", which goes on measuring the air of that moment; of "lying"."""
+    by_ppm: Annotated[float, Meta(ge=-1e6, le=1e6)] = 500.0
+    """Of "lying": so much more than there is says an instrument for CO2."""
+    by_m: Annotated[float, Meta(ge=-1000.0, le=1000.0)] = 10.0
+    """Of "gps_jump": so far north of where it is does the autopilot believe the vehicle to be."""
+    unheard: Unheard | None = None
+    """Of "failsafe": what the autopilot hears no longer. It does what its parameters say."""
     until_s: float | None = None
     """When it mends itself; None: never."""
 
@@ -33,7 +53,23 @@ class Victim(Protocol):
         """The cable of one of its instruments."""
         ...
 
+    def set_stuck(self, instrument: str, stuck: bool) -> None:
+        """Whether one of its instruments goes on measuring the air of this moment."""
+        ...
+
+    def set_lying(self, instrument: str, by_ppm: float) -> None:
+        """How much more CO2 than there is one of its instruments measures."""
+        ...
+
     def set_gps(self, working: bool) -> None: ...
+
+    def set_gps_error(self, north_m: float) -> None:
+        """How far north of where it is the autopilot believes it to be."""
+        ...
+
+    def set_heard(self, what: Unheard, heard: bool) -> None:
+        """Whether its autopilot hears what it has a failsafe for."""
+        ...
 
     def set_motors(self, working: bool) -> None: ...
 
@@ -55,17 +91,41 @@ class Fault:
     begin: Callable[[Victim, FaultSpec], None]
     end: Callable[[Victim, FaultSpec], None] | None = None
     """None: it does not mend itself, whatever `until_s` says."""
-    needs_instrument: bool = False
+    needs: tuple[Literal["instrument", "unheard"], ...] = ()
+    """The fields that it must be given."""
+
+
+def _unheard(victim: Victim, fault: FaultSpec, heard: bool) -> None:
+    if fault.unheard is not None:
+        victim.set_heard(fault.unheard, heard)
 
 
 FAULTS: dict[FaultKind, Fault] = {
     "unplug": Fault(
         lambda victim, fault: victim.set_plugged(fault.instrument, False),
         lambda victim, fault: victim.set_plugged(fault.instrument, True),
-        needs_instrument=True,
+        needs=("instrument",),
+    ),
+    "stuck": Fault(
+        lambda victim, fault: victim.set_stuck(fault.instrument, True),
+        lambda victim, fault: victim.set_stuck(fault.instrument, False),
+        needs=("instrument",),
+    ),
+    "lying": Fault(
+        lambda victim, fault: victim.set_lying(fault.instrument, fault.by_ppm),
+        lambda victim, fault: victim.set_lying(fault.instrument, 0.0),
+        needs=("instrument",),
     ),
     "gps_loss": Fault(lambda victim, _: victim.set_gps(False), lambda victim, _: victim.set_gps(True)),
+    "gps_jump": Fault(
+        lambda victim, fault: victim.set_gps_error(fault.by_m), lambda victim, _: victim.set_gps_error(0.0)
+    ),
     "battery_low": Fault(lambda victim, _: victim.weaken_battery()),
+    "failsafe": Fault(
+        lambda victim, fault: _unheard(victim, fault, False),
+        lambda victim, fault: _unheard(victim, fault, True),
+        needs=("unheard",),
+    ),
     "motor": Fault(lambda victim, _: victim.set_motors(False), lambda victim, _: victim.set_motors(True)),
     "tumble": Fault(lambda victim, _: victim.set_turned_over(True)),
     "silence": Fault(lambda victim, _: victim.set_silent(True), lambda victim, _: victim.set_silent(False)),

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from flightstack.transport.claims import clashes, link_claim
+from sensors.instruments.registry import instrument_type
+from sensors.instruments.samples import Quantity
 from sensors.instruments.sensor_error import SensorError
-from simvehicle.faults.fault_table import FAULTS
+from simvehicle.drone.drone_spec import VehicleSpec
+from simvehicle.faults.fault_table import FAULTS, FaultSpec
 from simvehicle.fleet.fleet_config import FARTHEST_HOME_M, FleetConfig
 from simvehicle.instruments import make_emulator
 
@@ -34,15 +37,11 @@ def problems(config: FleetConfig) -> Iterator[FleetError]:
                     f"vehicles[{index}].{field}",
                     f"is more than {FARTHEST_HOME_M / 1000:g} km from the origin",
                 )
-        carried = [instrument.name for instrument in vehicle.instruments]
-        for place, instrument in enumerate(vehicle.instruments):
-            where = f"vehicles[{index}].instruments[{place}]"
-            if instrument.name in carried[:place]:
-                yield FleetError(f"{where}.name", f"two instruments are called {instrument.name}")
-            try:
-                make_emulator(instrument.type, np.random.default_rng(0))
-            except SensorError as error:
-                yield FleetError(f"{where}.type", str(error))
+        for place in vehicle.usb_links:
+            if not 0 <= place < len(vehicle.links):
+                have = f"it has {len(vehicle.links)}, counted from 0"
+                yield FleetError(f"vehicles[{index}].usb_links", f"no link has the number {place}; {have}")
+        yield from _instrument_problems(index, vehicle)
     waiting = [
         claim
         for index, vehicle in enumerate(config.vehicles)
@@ -57,12 +56,42 @@ def problems(config: FleetConfig) -> Iterator[FleetError]:
         target = next((vehicle for vehicle in config.vehicles if vehicle.id == fault.drone), None)
         if target is None:
             yield FleetError(f"{where}.drone", f"no vehicle has the id {fault.drone}; there are {ids}")
-        elif FAULTS[fault.kind].needs_instrument:
-            names = [instrument.name for instrument in target.instruments]
-            if fault.instrument not in names:
-                have = ", ".join(names) or "none"
-                yield FleetError(
-                    f"{where}.instrument", f"vehicle {fault.drone} has no {fault.instrument!r}; it has {have}"
-                )
+        else:
+            types = {instrument.name: instrument.type for instrument in target.instruments}
+            for field, problem in what_does_not_fit(fault, f"vehicle {fault.drone}", types):
+                yield FleetError(f"{where}.{field}", problem)
         if fault.until_s is not None and fault.until_s <= fault.at_s:
             yield FleetError(f"{where}.until_s", f"is not after at_s ({fault.at_s:g})")
+
+
+def what_does_not_fit(
+    fault: FaultSpec, whose: str, instruments: Mapping[str, str]
+) -> Iterator[tuple[str, str]]:
+    """(field of the fault, what is wrong with it) for a vehicle that carries `instruments` (name -> type)."""
+    needs = FAULTS[fault.kind].needs
+    if "instrument" in needs and fault.instrument not in instruments:
+        yield (
+            "instrument",
+            f"{whose} carries no instrument called {fault.instrument!r}, but {list(instruments)}",
+        )
+    elif (
+        fault.kind == "lying" and instrument_type(instruments[fault.instrument]).quantity is not Quantity.CO2
+    ):
+        yield "instrument", f"{whose}'s {fault.instrument} measures no CO2; name one that does"
+    for field in ("instrument", "unheard"):
+        if field not in needs and getattr(fault, field):
+            yield field, f'"{fault.kind}" has no {field}; remove it'
+    if "unheard" in needs and fault.unheard is None:
+        yield "unheard", f'"{fault.kind}" needs unheard; write remote_control or ground_link'
+
+
+def _instrument_problems(index: int, vehicle: VehicleSpec) -> Iterator[FleetError]:
+    carried = [instrument.name for instrument in vehicle.instruments]
+    for place, instrument in enumerate(vehicle.instruments):
+        where = f"vehicles[{index}].instruments[{place}]"
+        if instrument.name in carried[:place]:
+            yield FleetError(f"{where}.name", f"two instruments are called {instrument.name}")
+        try:
+            make_emulator(instrument.type, np.random.default_rng(0))
+        except SensorError as error:
+            yield FleetError(f"{where}.type", str(error))

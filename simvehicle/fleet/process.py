@@ -12,6 +12,8 @@ import threading
 import time
 from types import FrameType
 
+from flightstack.mavlink.signing import Signing, stamp_at
+from flightstack.mavlink.signing_store import SigningKeyError, read_key
 from flightstack.recording.shared_clock import ClockCells
 from flightstack.transport.node_places import NodePlaces
 from mission.documents.yaml_file import DocumentError
@@ -64,7 +66,15 @@ class Fleet:
     def _drone(self, spec: VehicleSpec, field: str) -> Drone:
         config = self.config
         try:
-            vehicle = SimulatedVehicle(spec, self.world, seed=config.seed, ready_after_s=config.ready_after_s)
+            vehicle = SimulatedVehicle(
+                spec,
+                self.world,
+                seed=config.seed,
+                ready_after_s=config.ready_after_s,
+                signing=_signing(spec),
+            )
+        except SigningKeyError as error:
+            raise FleetError(f"{field}.signing_key", str(error)) from error
         except ValueError as error:
             raise FleetError(f"{field}.parameters", str(error)) from error
         return Drone(spec, vehicle, config.seed)
@@ -109,6 +119,13 @@ def tell_places(places: NodePlaces, drones: SimulatedDrones) -> None:
     """Where the vehicles are now, in their order."""
     for index, drone in enumerate(drones.by_id.values()):
         places.tell(index, drone.vehicle.position_ned_m)
+
+
+def _signing(spec: VehicleSpec) -> Signing | None:
+    """The key that a vehicle was given; how late it is its GPS tells."""
+    if spec.signing_key is None:
+        return None
+    return Signing(read_key(pathlib.Path(spec.signing_key)), stamp_at(time.time()))
 
 
 def _truth_writer(path: str) -> TruthWriter:

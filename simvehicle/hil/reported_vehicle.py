@@ -12,9 +12,9 @@ from flightstack.mavlink.codec import MavlinkCodec
 from flightstack.mavlink.message_rates import StreamRequests
 from flightstack.mavlink.modes import Flavour
 from mission.geometry.frames import LocalFrame, Vector3
-from simvehicle.faults.fault_table import FaultKind
+from simvehicle.faults.fault_table import FaultKind, Unheard
 
-REACHABLE: frozenset[FaultKind] = frozenset(("unplug", "gps_loss", "battery_low"))
+REACHABLE: frozenset[FaultKind] = frozenset(("unplug", "stuck", "lying", "gps_loss", "battery_low"))
 """The faults that a simulated ArduCopter can be given: by its instruments' lines and by its SIM_ parameters."""
 MONITOR = 250
 """Our MAVLink system id."""
@@ -131,6 +131,12 @@ class ReportedVehicle:
         raise UnreachableFaultError(
             f"attitude to be turned over: {turned_over}; no ArduCopter simulates that"
         )
+
+    def set_gps_error(self, north_m: float) -> None:
+        raise UnreachableFaultError(f"GPS to be off by {north_m:g} m; every ArduCopter calls that otherwise")
+
+    def set_heard(self, what: Unheard, heard: bool) -> None:
+        raise UnreachableFaultError(f"{what} to be heard: {heard}; the vehicle's own do not go through us")
 
     def set_silent(self, silent: bool) -> None:
         raise UnreachableFaultError(f"links to be silent: {silent}; the vehicle's own do not go through us")

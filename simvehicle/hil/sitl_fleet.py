@@ -73,6 +73,9 @@ def check(fleet: FleetConfig) -> None:
     for index, spec in enumerate(fleet.vehicles):
         if spec.flavour != "ardupilot":
             raise FleetError(f"vehicles[{index}].flavour", f"an ArduCopter is no {spec.flavour}")
+        if spec.signing_key is not None:
+            kept = "a real autopilot is given its key by gcs signing setup, and keeps it itself"
+            raise FleetError(f"vehicles[{index}].signing_key", kept)
     for index, fault in enumerate(fleet.faults):
         if fault.kind not in REACHABLE:
             raise FleetError(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Final
 
-from flightstack.swarm.wire import CommandName
+from flightstack.swarm.wire import CommandName, CommandOutcome, Result
 from simvehicle.faults.fault_table import CommandWord, SwarmFaultSpec
 from simvehicle.scenario.swarm import GROUND, Scenario
 
@@ -20,9 +20,13 @@ class AfflictedSwarm:
         self._flight = flight
         self._calm = flight.radio.conditions
         self._pieces: dict[SwarmFaultSpec, list[str]] = {}
+        self._given: dict[str, CommandWord] = {}
+        """The operator's commands by their identity."""
         self.pilots: dict[int, float] = {}
         """Drones that a pilot has taken, with the time."""
         self.ground_here = True
+        self.in_burst = False
+        """More is lost on every link than the scenario's radio loses."""
 
     def kill(self, drone: int) -> None:
         self._flight.kill(drone)
@@ -64,6 +68,7 @@ class AfflictedSwarm:
 
     def set_loss(self, loss: float | None) -> None:
         calm = self._calm
+        self.in_burst = loss is not None
         self._flight.radio.conditions = calm if loss is None else dataclasses.replace(calm, loss=loss)
 
     def advance_clock(self, drone: int, by_s: float) -> None:
@@ -74,8 +79,16 @@ class AfflictedSwarm:
         vehicle.switch_mode(STICKS_MODE[vehicle.spec.flavour])
         self.pilots[drone] = self._flight.now_s
 
+    def pilot_flies(self, drone: int) -> bool:
+        """Whether a pilot took the vehicle, and nothing else has taken it from him: no command, no failsafe."""
+        vehicle = self._flight.members[drone].vehicle
+        return drone in self.pilots and vehicle.custom_mode == STICKS_MODE[vehicle.spec.flavour]
+
     def command(self, word: CommandWord, drone: int) -> None:
-        self._flight.command(CommandName(word), drone)
-        for taken in list(self.pilots):
-            if drone in (0, taken):  # a command gives it back
-                del self.pilots[taken]
+        self._given[self._flight.command(CommandName(word), drone)] = word
+
+    def hear(self, outcome: CommandOutcome) -> None:
+        """What a drone made of a command: one that it obeys gives it back from its pilot."""
+        obeyed = outcome.result is Result.ACCEPTED and self._given.get(outcome.command, "pause") != "pause"
+        if obeyed:
+            self.pilots.pop(outcome.sender, None)

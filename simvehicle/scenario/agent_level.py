@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import Final
 
 from flightstack.agent import Inputs, Outputs
@@ -10,11 +11,14 @@ from simvehicle.faults.schedule import SwarmFaultSchedule, Timetable
 from simvehicle.scenario.afflicted_swarm import AfflictedSwarm
 from simvehicle.scenario.ground_keeper import GroundKeeper
 from simvehicle.scenario.invariants import Invariants
+from simvehicle.scenario.own_matters import kept_up
 from simvehicle.scenario.scenario_file import FlownScenario
 from simvehicle.scenario.scenario_result import ScenarioResult
 from simvehicle.scenario.swarm import Scenario
 from simvehicle.scenario.transcript import Transcript
 from simvehicle.survey.draft import draft, in_process
+
+_log = logging.getLogger(__name__)
 
 HEARD_AFTER_S: Final = 2.0
 """From power-up until everybody was heard: then the operator starts the survey."""
@@ -34,17 +38,24 @@ class AgentFlight:
         self._config = config
         self._swarm = AfflictedSwarm(self.flight)
         self._faults = SwarmFaultSchedule(config.swarm_faults)
-        self._vehicle_faults = Timetable(
-            config.faults
-        )  # for the transcript: the vehicles' own schedule strikes
+        self._vehicle_faults = Timetable(config.faults)
+        """For the transcript: they strike by the vehicles' own schedule."""
         self._invariants = Invariants(self.flight, self._swarm)
         self._transcript = Transcript()
         self._keeper = GroundKeeper(self.flight) if config.ground_brings_home else None
         self._down_s = 0.0
-        """When somebody was last seen to fly, or to be about to."""
+        """When somebody who ought to be down was last seen not to be."""
         self.flight.tap = self._tap
 
     def run(self) -> ScenarioResult:
+        try:
+            self._fly()
+        except Exception as error:  # noqa: BLE001 - it would end an agent's process: it is what a search looks for
+            _log.exception("a scenario has ended by an error")
+            self._invariants.violated("error", "", f"{type(error).__name__}: {error}")
+        return self._told()
+
+    def _fly(self) -> None:
         flight, config = self.flight, self._config
         flight.run(HEARD_AFTER_S)
         flight.command(CommandName.START)
@@ -53,9 +64,15 @@ class AgentFlight:
         ):
             self._invariants.violated("ends", "", "nobody took off")
         elif not flight.run_until(self._over, config.last_fault_s + config.ends_within_s):
-            flying = [str(d) for d, m in flight.members.items() if m.vehicle.airborne]
-            text = f"{config.ends_within_s:g} s after the last fault not everybody is on the ground with motors off"
-            self._invariants.violated("ends", f"drones {', '.join(flying)}" if flying else "", text)
+            late = sorted(self._up() - self._kept_up().keys())
+            text = f"not on the ground with motors off {config.ends_within_s:g} s after the last fault"
+            self._invariants.violated("ends", f"drones {' '.join(map(str, late))}", text)
+
+    def _told(self) -> ScenarioResult:
+        flight = self.flight
+        for drone, reason in self._kept_up().items():
+            if drone in self._up():
+                self._transcript.left_up(drone, reason)
         self._transcript.say("over" if flight.source_ned_m is None else "over, source found")
         for violation in self._invariants.violations:
             self._transcript.say(f"VIOLATION {violation.kind} at {violation.at_s:g} s: {violation.text}")
@@ -71,25 +88,37 @@ class AgentFlight:
     def _over(self) -> bool:
         """Called once a tick, after it."""
         flight = self.flight
-        since_s = flight.now_s - (flight.first_takeoff_s or flight.now_s)
-        self._transcript.at(since_s)
+        since_s = self._time_s()
         for begins, fault in self._faults.strike(since_s, self._swarm):
             self._transcript.fault(begins, fault)
-        for begins, own in self._vehicle_faults.due(since_s):
-            self._transcript.fault(begins, own)
         if self._keeper is not None and self._swarm.ground_here:
             for drone in self._keeper.step():
                 self._transcript.sent_home(drone)
         self._invariants.look()
-        down = not any(m.vehicle.airborne or m.vehicle.armed for m in flight.members.values())
-        if not down or since_s <= self._config.last_fault_s:
+        if since_s <= self._config.last_fault_s or self._up() - self._kept_up().keys():
             self._down_s = flight.now_s
         return flight.now_s - self._down_s > DOWN_FOR_S
 
+    def _time_s(self) -> float:
+        """Since the first take-off. The transcript knows it, and what happened to vehicles up to now."""
+        flight = self.flight
+        since_s = flight.now_s - (flight.first_takeoff_s or flight.now_s)
+        self._transcript.at(since_s)
+        for begins, own in self._vehicle_faults.due(since_s) if flight.first_takeoff_s is not None else ():
+            self._transcript.fault(begins, own)
+        return since_s
+
+    def _up(self) -> set[int]:
+        return {drone for drone, m in self.flight.members.items() if not m.vehicle.at_rest}
+
+    def _kept_up(self) -> dict[int, str]:
+        return kept_up(self.flight, self._swarm, ground_brings_home=self._keeper is not None)
+
     def _tap(self, drone: int, _agents_s: float, _heard: Inputs, said: Outputs) -> None:
+        self._time_s()
         self._invariants.hear(drone, said)
         self._transcript.phase(drone, said.status.phase)
-        table = self._invariants.tables.get(drone)
+        table = self._invariants.whole_table(drone)
         if table is not None:
             self._transcript.table(table)
         for event in said.events:

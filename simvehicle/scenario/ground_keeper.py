@@ -38,6 +38,7 @@ class GroundKeeper:
             and drone not in self._sent
             and flight.members[drone].vehicle.controllable
             and flight.members[drone].vehicle.armed
+            and not flight.members[drone].vehicle.silent
         ]
         for drone in sent:
             vehicle = flight.members[drone].vehicle

@@ -56,13 +56,13 @@ def parse_scenario(text: str, file: str) -> FlownScenario:
     survey = check(config, text, file)
     drones = [drone.id for drone in survey.drones]
     for index, fault in enumerate(config.swarm_faults):
-        for field, problem in _swarm_fault_problems(fault, drones):
+        for field, problem in swarm_fault_problems(fault, drones):
             place = f"swarm_faults[{index}].{field}"
             raise DocumentError(file, problem, line=line_of(text, place), field=place)
     return FlownScenario(config, survey)
 
 
-def _swarm_fault_problems(fault: SwarmFaultSpec, drones: list[int]) -> Iterator[tuple[str, str]]:
+def swarm_fault_problems(fault: SwarmFaultSpec, drones: list[int]) -> Iterator[tuple[str, str]]:
     """(field, what is wrong with it)."""
     row = SWARM_FAULTS[fault.kind]
     for field in row.needs:

@@ -22,9 +22,9 @@ from flightstack.swarm.wire import (
     DroneState,
     Event,
     Phase,
+    TableState,
     Traffic,
     TrafficVehicle,
-    TreeState,
 )
 from flightstack.transport.memory import MemoryRadio, MemoryTransport
 from flightstack.transport.radio_model import RadioModel
@@ -95,7 +95,7 @@ class Scenario:
         self.world = make_world(fleet)
         self.radio = radio if isinstance(radio, MemoryRadio) else MemoryRadio(fleet.seed, model=radio)
         self.states: dict[int, DroneState] = {}
-        self.trees: dict[int, TreeState] = {}
+        self.tables: dict[int, TableState] = {}
         self.events: list[tuple[float, Event]] = []
         self.outcomes: list[CommandOutcome] = []
         self.min_separation_m = math.inf
@@ -178,7 +178,7 @@ class Scenario:
     @property
     def source_ned_m(self) -> Vector3 | None:
         """The swarm's estimate of the source, once it is found."""
-        orders = (tree.order for tree in self.trees.values())
+        orders = (table.order for table in self.tables.values())
         return next((order.source_ned_m for order in orders if order and order.source_ned_m), None)
 
     # -- one tick ----------------------------------------------------------------------------------------------
@@ -218,8 +218,8 @@ class Scenario:
             match message:
                 case DroneState():
                     self.states[message.sender] = message
-                case TreeState():
-                    self.trees[message.sender] = message
+                case TableState():
+                    self.tables[message.sender] = message
                 case Event():
                     self.events.append((self.now_s, message))
                 case CommandOutcome():

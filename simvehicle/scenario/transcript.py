@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
-from flightstack.swarm.wire import Phase, TreeState
+from flightstack.swarm.wire import Phase, TableState
 from simvehicle.faults.fault_table import FaultSpec, SwarmFaultSpec
 from simvehicle.scenario.invariants import words
 
@@ -55,10 +55,10 @@ class Transcript:
             self._phases[drone] = phase
             self._say(phase.value, drone)
 
-    def table(self, table: TreeState) -> None:
+    def table(self, table: TableState) -> None:
         """Told once, by whoever has it first."""
         text = words(table)
-        if table.slots and f"{table.survey} {table.epoch} {text}" not in self._tables:
+        if table.held and f"{table.survey} {table.epoch} {text}" not in self._tables:
             self._tables.add(f"{table.survey} {table.epoch} {text}")
             self._say(f"table {table.epoch}: {text}", table.sender)
 
@@ -71,6 +71,9 @@ class Transcript:
 
     def sent_home(self, drone: int) -> None:
         self._say("sent home by the ground station", drone)
+
+    def left_up(self, drone: int, reason: str) -> None:
+        self._say(f"still in the air: {reason}", drone)
 
     def say(self, text: str) -> None:
         self._say(text, 0)
@@ -87,7 +90,8 @@ class Transcript:
 def fault_words(fault: FaultSpec | SwarmFaultSpec) -> str:
     """Its kind with what else says which one: "partition 1 2 | 3 4"."""
     if isinstance(fault, FaultSpec):
-        return " ".join(filter(None, (fault.kind, fault.instrument)))
+        by = {"lying": f"{fault.by_ppm:+g} ppm", "gps_jump": f"{fault.by_m:+g} m north"}.get(fault.kind)
+        return " ".join(filter(None, (fault.kind, fault.instrument or fault.unheard, by)))
     details = (
         fault.command or "",
         " | ".join(" ".join(map(str, part)) for part in fault.parts),

@@ -20,7 +20,7 @@ from flightstack.config import (
 from flightstack.transport.access_rules import common_name
 from flightstack.transport.radio_model import RadioModel
 from flightstack.transport.shared_radio import SharedRadio
-from gcs.keys.bundles import AUTHORITY
+from gcs.keys.roster import AUTHORITY
 from gcs.station_config import AlarmLimits, GroundConfig, MavlinkConfig
 from simvehicle.drone.drone_spec import EmulatedInstrument, VehicleSpec
 from simvehicle.fleet.fleet_config import FleetConfig

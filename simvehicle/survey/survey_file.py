@@ -7,7 +7,7 @@ import math
 import pathlib
 import re
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 
 import msgspec
 import numpy as np
@@ -33,8 +33,9 @@ from mission.geometry.frames import LocalFrame, Vector3
 from mission.geometry.geofence import Geofence, LocalFence
 from sensors.instruments.sensor_error import SensorError
 from simvehicle.autopilot.parameters import Parameters, UnknownParameterError
-from simvehicle.faults.fault_table import FAULTS, FaultSpec
+from simvehicle.faults.fault_table import FAULTS, FaultKind, FaultSpec
 from simvehicle.fleet.fleet_config import FARTHEST_HOME_M
+from simvehicle.fleet.fleet_problems import what_does_not_fit
 from simvehicle.instruments import make_emulator
 from simvehicle.world.configured import make_world
 from simvehicle.world.world_config import GaussianPlume, WorldConfig
@@ -188,30 +189,42 @@ def check(config: SurveyConfig, text: str, file: str, *, extra_faults: tuple[Fau
 
 
 _FAULT = re.compile(
-    r"^(?:(?P<instrument>[A-Za-z0-9_]+)-)?(?P<kind>unplug|gps[_-]loss|battery[_-]low|motor|tumble|silence)"
+    r"^(?:(?P<which>[A-Za-z0-9_-]+)-)??(?P<kind>unplug|stuck|lying|gps[_-]loss|gps[_-]jump|battery[_-]low|failsafe"
+    r"|motor|tumble|silence)"
     r":(?P<drone>\d+)@(?P<at>\d+(?:\.\d+)?)(?:-(?P<until>\d+(?:\.\d+)?))?$"
+)
+
+
+_FAULT_FORM = (
+    "write INSTRUMENT-unplug:DRONE@SECONDS, or instead of INSTRUMENT-unplug: INSTRUMENT-stuck, INSTRUMENT-lying, "
+    "gps-loss, gps-jump, battery-low, remote-control-failsafe, ground-link-failsafe, motor, tumble or silence; "
+    "with -SECONDS behind if it mends itself"
 )
 
 
 def parse_fault(text: str) -> FaultSpec:
     """A fault as the command line says it: "co2-unplug:2@90", "gps-loss:3@60-75" (from 60 s to 75 s)."""
     match = _FAULT.match(text)
-    if match is None or (match["kind"] == "unplug") != (match["instrument"] is not None):
-        raise DocumentError(
-            f"--fault {text}",
-            "write INSTRUMENT-unplug:DRONE@SECONDS, or gps-loss, battery-low, motor, tumble or silence "
-            "instead of INSTRUMENT-unplug, with -SECONDS behind if it mends itself",
-        )
-    fault: FaultSpec = msgspec.convert(
-        {
-            "drone": int(match["drone"]),
-            "at_s": float(match["at"]),
-            "kind": match["kind"].replace("-", "_"),
-            "instrument": match["instrument"] or "",
-            "until_s": float(match["until"]) if match["until"] else None,
-        },
-        FaultSpec,
+    kind = match["kind"].replace("-", "_") if match is not None else ""
+    needs = FAULTS[cast(FaultKind, kind)].needs if match is not None else ()
+    if match is None or bool(needs) != (match["which"] is not None):
+        raise DocumentError(f"--fault {text}", _FAULT_FORM)
+    which: dict[str, str] = (
+        {needs[0]: match["which"].replace("-", "_" if kind == "failsafe" else "-")} if needs else {}
     )
+    try:
+        fault: FaultSpec = msgspec.convert(
+            {
+                "drone": int(match["drone"]),
+                "at_s": float(match["at"]),
+                "kind": kind,
+                "until_s": float(match["until"]) if match["until"] else None,
+                **which,
+            },
+            FaultSpec,
+        )
+    except msgspec.ValidationError as error:
+        raise DocumentError(f"--fault {text}", _FAULT_FORM) from error
     return fault
 
 
@@ -391,18 +404,14 @@ def _fault_problems(fault: FaultSpec, drones: Mapping[int, SurveyDrone]) -> Iter
     if fault.drone not in drones:
         yield "drone", f"there is no drone {fault.drone}, but {list(drones)}"
         return
-    names = [i.name for i in drones[fault.drone].instruments or ()]
-    if FAULTS[fault.kind].needs_instrument and fault.instrument not in names:
-        yield (
-            "instrument",
-            f"drone {fault.drone} carries no instrument called {fault.instrument!r}, but {names}",
-        )
+    types = {i.name: i.type for i in drones[fault.drone].instruments or ()}
+    yield from what_does_not_fit(fault, f"drone {fault.drone}", types)
     if fault.until_s is not None and fault.until_s <= fault.at_s:
         yield "until_s", f"it breaks at {fault.at_s:g} s, so it cannot mend at {fault.until_s:g} s"
 
 
 def _fault_option(fault: FaultSpec) -> str:
     """As `parse_fault` reads it."""
-    instrument = f"{fault.instrument}-" if fault.instrument else ""
+    which = fault.instrument or (fault.unheard or "").replace("_", "-")
     until = "" if fault.until_s is None else f"-{fault.until_s:g}"
-    return f"{instrument}{fault.kind.replace('_', '-')}:{fault.drone}@{fault.at_s:g}{until}"
+    return f"{which}{'-' if which else ''}{fault.kind.replace('_', '-')}:{fault.drone}@{fault.at_s:g}{until}"

@@ -13,12 +13,12 @@ import msgspec
 
 from flightstack.swarm import topics
 from flightstack.swarm.topics import Topic
-from flightstack.swarm.wire import CommandOutcome, DroneState, Event, Phase, Severity, TreeState, WireError
+from flightstack.swarm.wire import CommandOutcome, DroneState, Event, Phase, Severity, TableState, WireError
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Order, Stage
 from simvehicle.fleet.truth import TruthRow
 
-RECEIVES = (topics.STATE, topics.TREE, topics.OUTCOME, topics.EVENT)
+RECEIVES = (topics.STATE, topics.TABLE, topics.OUTCOME, topics.EVENT)
 SILENT_S = 5.0
 """Simulated seconds without a state message after which an agent counts as silent."""
 
@@ -42,9 +42,8 @@ class TreeMark(msgspec.Struct, frozen=True):
     """An assignment of slots when it was first heard of."""
 
     time_s: float
-    epoch: int
-    author: int
     slots: dict[int, int]
+    """drone -> slot."""
 
 
 class OrderMark(msgspec.Struct, frozen=True):
@@ -101,7 +100,7 @@ class SurveyWatch:
         self._events: list[EventMark] = []
         self._trees: list[TreeMark] = []
         self._orders: list[OrderMark] = []
-        self._assignments: set[tuple[int, int]] = set()
+        self._assignments: set[tuple[int, tuple[tuple[int, int], ...]]] = set()
         self._heals = 0
 
     # -- what comes in ----------------------------------------------------------------------------------------
@@ -116,8 +115,8 @@ class SurveyWatch:
         match message:
             case DroneState():
                 self._state(now_s, message)
-            case TreeState():
-                self._tree(now_s, message)
+            case TableState():
+                self._table(now_s, message)
             case CommandOutcome():
                 self.outcomes[message.command, message.sender] = message
             case Event():
@@ -155,12 +154,14 @@ class SurveyWatch:
         if self.best_co2_ppm is None or co2_ppm > self.best_co2_ppm:
             self.best_co2_ppm, self.best_ned_m = co2_ppm, state.position_ned_m
 
-    def _tree(self, now_s: float, tree: TreeState) -> None:
-        if (tree.epoch, tree.author) not in self._assignments:
-            self._assignments.add((tree.epoch, tree.author))
-            self._trees.append(TreeMark(now_s, tree.epoch, tree.author, dict(tree.slots)))
-        self._heals = max(self._heals, tree.heals)
-        order = tree.order
+    def _table(self, now_s: float, table: TableState) -> None:
+        held = table.held
+        assigned = table.epoch, tuple(sorted(held.items()))
+        if assigned not in self._assignments:
+            self._assignments.add(assigned)
+            self._trees.append(TreeMark(now_s, held))
+        self._heals = max(self._heals, table.heals)
+        order = table.order
         if order is not None and (self.order is None or order.sequence > self.order.sequence):
             self.order = order
             self._orders.append(OrderMark(now_s, order))
@@ -195,7 +196,7 @@ class SurveyWatch:
             events=tuple(
                 EventMark(m.time_s - zero_s, m.drone, m.severity, m.code, m.text) for m in self._events
             ),
-            trees=tuple(TreeMark(m.time_s - zero_s, m.epoch, m.author, m.slots) for m in self._trees),
+            trees=tuple(TreeMark(m.time_s - zero_s, m.slots) for m in self._trees),
             orders=tuple(OrderMark(m.time_s - zero_s, m.order) for m in self._orders),
             heals=self._heals,
             ticks=sum(ticks for ticks, _ in self._counts.values()) - slept,

@@ -37,6 +37,8 @@ class Estimator:
         self._drift_mps = [0.0, 0.0]
         self._drift_m = [0.0, 0.0]
         self.gps = True
+        self.gps_error_north_m = 0.0
+        """Of a receiver that is wrong: buildings, jamming, spoofing."""
         self.gps_lost_s: float | None = None
         """When the GPS went away; None while it is there."""
         self.origin_ned_m: Vector3 = (
@@ -74,7 +76,7 @@ class Estimator:
                 self._drift_m[axis] += self._drift_mps[axis] * dt_s
         origin, drift_m, drift_mps = self.origin_ned_m, self._drift_m, self._drift_mps
         self.position_m = (
-            position[0] - origin[0] + error[0] + drift_m[0],
+            position[0] - origin[0] + error[0] + drift_m[0] + self.gps_error_north_m,
             position[1] - origin[1] + error[1] + drift_m[1],
             position[2] - origin[2] + error[2],
         )

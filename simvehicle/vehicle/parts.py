@@ -43,6 +43,9 @@ class MotionEstimate(Protocol):
 
     gps: bool
     """There is a fix."""
+    gps_error_north_m: float
+    origin_ned_m: Vector3
+    """The local frame's origin in the world's frame."""
     position_m: Vector3
     velocity_mps: Vector3
 

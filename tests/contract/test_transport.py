@@ -11,16 +11,19 @@ from typing import Protocol
 import msgspec
 import pytest
 
-from flightstack.swarm.topics import COMMAND, EVENT, OUTCOME, STATE, TREE, Received, Topic
+from flightstack.swarm.topics import COMMAND, EVENT, OUTCOME, STATE, TABLE, Received, Topic
 from flightstack.transport import Transport, TransportError
 from flightstack.transport.backlog import KEPT_PER_SENDER
 from flightstack.transport.memory import MemoryRadio, MemoryTransport
 from flightstack.transport.node_places import NodePlaces
 from flightstack.transport.radio_model import LinkBudget, RadioModel
 from flightstack.transport.shared_radio import RadioEnd, SharedRadio
+from flightstack.transport.zenoh_options import router_options
+from flightstack.transport.zenoh_router import ZenohRouter
+from flightstack.transport.zenoh_session import configured
 from flightstack.transport.zenoh_transport import ZenohTransport
 
-ALL = (STATE, TREE, COMMAND, OUTCOME, EVENT)
+ALL = (STATE, TABLE, COMMAND, OUTCOME, EVENT)
 
 
 class NodeUnderTest(Transport, Protocol):
@@ -97,13 +100,38 @@ class ZenohNetwork:
             node.close()
 
 
+class RouterNetwork:
+    """Two sites by turns, and all that a node is told is where the router is: its site's others come by gossip."""
+
+    def __init__(self, free_port: Callable[[], int]) -> None:
+        self._free_port = free_port
+        self._place = f"tcp/127.0.0.1:{free_port()}"
+        self._router = ZenohRouter(configured(router_options((self._place,), ("rim", "valley"), "contract")))
+        self._nodes: list[NodeUnderTest] = []
+
+    def join(self, name: int | str, receives: Sequence[Topic] = ALL) -> NodeUnderTest:
+        site = ("rim", "valley", "rim")[len(self._nodes) % 3]
+        endpoint = f"tcp/127.0.0.1:{self._free_port()}"
+        node = ZenohTransport("contract", name, (endpoint,), (self._place,), receives, site=site)
+        self._nodes.append(node)
+        return node
+
+    def turn(self) -> None:
+        self._router.look()
+
+    def close(self) -> None:
+        for node in self._nodes:
+            node.close()
+        self._router.close()
+
+
 NEAR_EACH_OTHER = RadioModel(
     link_budget=LinkBudget(), range_m=100.0, delay_s=0.02, bandwidth_bytes_per_s=1e6, queue_bytes=1 << 20
 )
 """Everything that a radio can have of its own, and nothing of it so bad that a promise cannot be kept."""
 
 
-@pytest.fixture(params=["radio", "modelled radio", "shared radio", "zenoh"])
+@pytest.fixture(params=["radio", "modelled radio", "shared radio", "zenoh", "zenoh router"])
 def network(
     request: pytest.FixtureRequest, free_port: Callable[[], int], tmp_path: pathlib.Path
 ) -> Iterator[NetworkUnderTest]:
@@ -116,7 +144,7 @@ def network(
     if request.param == "shared radio":
         yield SharedRadioNetwork(tmp_path)
         return
-    zenoh = ZenohNetwork(free_port)
+    zenoh = ZenohNetwork(free_port) if request.param == "zenoh" else RouterNetwork(free_port)
     yield zenoh
     zenoh.close()
 
@@ -181,7 +209,7 @@ def test_only_topics_asked_for_are_received(network, until):
     ear = Ear(b)
     until(
         lambda: (
-            a.publish(STATE, b"s") or a.publish(TREE, b"t") or a.publish(EVENT, b"e") or ear.payloads(EVENT)
+            a.publish(STATE, b"s") or a.publish(TABLE, b"t") or a.publish(EVENT, b"e") or ear.payloads(EVENT)
         )
     )
     assert {message.topic.name for message in ear.heard} <= {"state", "event"}
@@ -208,13 +236,13 @@ def test_of_best_effort_topics_the_newest_few_of_each_sender_are_kept(network, u
         for n in range(100):
             a.publish(STATE, b"loud %02d" % n)
         b.publish(STATE, b"quiet")
-        a.publish(TREE, b"tree")
+        a.publish(TABLE, b"table")
         network.turn()
         received = c.receive()
-        for topic, sender in ((STATE, "1"), (STATE, "2"), (TREE, "1")):
+        for topic, sender in ((STATE, "1"), (STATE, "2"), (TABLE, "1")):
             assert sum((m.topic, m.sender) == (topic, sender) for m in received) <= KEPT_PER_SENDER
         seen.update(message.payload for message in received)
-        return {b"loud 99", b"quiet", b"tree"} <= seen
+        return {b"loud 99", b"quiet", b"table"} <= seen
 
     until(loud_and_quiet_heard)
 

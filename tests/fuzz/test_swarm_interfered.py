@@ -155,7 +155,7 @@ HEARD = tuple(topic.name for topic in topics.RECEIVED_BY_DRONES)
 def test_messages_of_strangers_change_nothing(cases: int, flavour: str) -> None:
     flight = hovering(flavour)
     air, a_tick = Air(f"strangers {flavour}", flight), 20 if cases < 1000 else 200
-    forged = air.forged(("state", "tree"), strangers=True)
+    forged = air.forged(("state", "table"), strangers=True)
 
     def add(drone: int, inputs: Inputs) -> Inputs:
         air.heard(inputs.peers)
@@ -169,7 +169,7 @@ def test_messages_of_strangers_change_nothing(cases: int, flavour: str) -> None:
     watch = interfere(flight, FAMILIES * cases // 4, a_tick, add)
     assert flight.phases() == {Phase.HOLDING}
     assert watch.farthest_m < 1.5
-    assert {drone for tree in flight.trees.values() for drone, _ in tree.slots} == {1, 2, 3}
+    assert {drone for table in flight.tables.values() for drone in table.held} == {1, 2, 3}
 
 
 @pytest.mark.parametrize("flavour", ["ardupilot", "px4"])
@@ -190,4 +190,4 @@ def test_wrong_messages_of_members_end_nothing_and_move_nobody(cases: int, flavo
 
     watch = interfere(flight, FAMILIES * cases // 4, a_tick, add)
     assert watch.farthest_m < 1.5
-    assert {drone for tree in flight.trees.values() for drone, _ in tree.slots} <= {1, 2, 3}
+    assert {drone for table in flight.tables.values() for drone in table.held} <= {1, 2, 3}

@@ -54,16 +54,16 @@ def test_the_root_crashes_and_the_survey_goes_on(tumbles: bool, flavour: str) ->
     assert text.startswith("crashed: ")
     assert_place(flight, 1, text)
     assert flight.members[1].agent.phase.phase is Phase.CRASHED
-    assert flight.run_until(lambda: 1 not in dict(flight.trees[2].slots), HEALED_WITHIN_S)
+    assert flight.run_until(lambda: 1 not in flight.tables[2].held, HEALED_WITHIN_S)
     assert flight.now_s - begun_s < HEALED_WITHIN_S
-    root = next(drone for drone, slot in flight.trees[2].slots if slot == 0)
+    root = next(drone for drone, slot in flight.tables[2].held.items() if slot == 0)
     assert root != 1
     assert not flight.states[1].airborne, "no obstacle to the others"
-    order = flight.trees[root].order
+    order = flight.tables[root].order
     assert order is not None
 
     def goes_on() -> bool:
-        newest = flight.trees[root].order
+        newest = flight.tables[root].order
         return newest is not None and newest.sequence > order.sequence + 2
 
     assert flight.run_until(goes_on, 120.0)
@@ -77,9 +77,9 @@ def test_the_root_crashes_and_the_survey_goes_on(tumbles: bool, flavour: str) ->
 def test_a_leaf_crashes_and_the_others_fly_on() -> None:
     flight = scenario(seed=5)
     flight.run(45.0)
-    leaf = max(flight.trees[1].slots, key=lambda held: held[1])[0]
+    leaf = max(flight.tables[1].held.items(), key=lambda held: held[1])[0]
     assert_place(flight, leaf, crash(flight, leaf, tumbles=False))
-    assert flight.run_until(lambda: leaf not in dict(flight.trees[1].slots), HEALED_WITHIN_S)
+    assert flight.run_until(lambda: leaf not in flight.tables[1].held, HEALED_WITHIN_S)
     flight.command(CommandName.ABORT)
     assert flight.run_until(lambda: flight.phases() <= {Phase.LANDED, Phase.CRASHED}, 120.0)
     assert all(outcome.result == "accepted" for outcome in flight.outcomes), "the wreck is down already"
@@ -97,7 +97,7 @@ def test_a_drone_crashes_on_take_off() -> None:
     flight = scenario(seed=7)
     assert flight.run_until(lambda: -flight.members[3].vehicle.position_ned_m[2] > 6.0, 20.0)
     crash(flight, 3, tumbles=True)
-    assert flight.run_until(lambda: 3 not in dict(flight.trees[1].slots), 40.0)
+    assert flight.run_until(lambda: 3 not in flight.tables[1].held, 40.0)
 
 
 def test_a_drone_that_returns_crashes_on_the_way() -> None:
@@ -119,7 +119,7 @@ def test_what_is_wrongly_taken_for_a_wreck_is_kept_clear_of_and_lands() -> None:
     assert flight.states[2].airborne
     assert flight.run_until(lambda: flight.states[2].phase is Phase.LANDED, 60.0)
     assert flight.min_separation_m > 4.0
-    assert 2 not in dict(flight.trees[1].slots)
+    assert 2 not in flight.tables[1].held
 
 
 def test_a_wreck_is_not_started_again_before_its_autopilot_was() -> None:

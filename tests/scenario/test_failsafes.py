@@ -50,7 +50,7 @@ def test_a_landing_by_the_autopilots_failsafe_is_followed_to_the_ground(flavour:
     assert len(told) == 1, "who took it is told once"
     assert told[0].startswith("landing: failsafe of the autopilot: ")
     assert not [e.text for _, e in flight.events if e.sender == LEAF and e.code == "pilot"]
-    assert LEAF not in dict(flight.trees[1].slots)
+    assert LEAF not in flight.tables[1].held
 
 
 @pytest.mark.parametrize("flavour", ["ardupilot", "px4"])
@@ -99,7 +99,7 @@ def test_setpoints_that_do_not_reach_a_px4_bring_it_home_as_rtl() -> None:
     member.vehicle.receive = lambda _link, _data: None  # type: ignore[method-assign]
     assert flight.run_until(lambda: member.agent.phase.phase is Phase.RTL, OUT_OF_WORDS_S)
     flight.run(2.0)
-    assert LEAF not in dict(flight.trees[1].slots), "the others go on without it"
+    assert LEAF not in flight.tables[1].held, "the others go on without it"
     assert phases_until_landed(flight, member) == [Phase.RTL, Phase.LANDED]
     told = [e.text for _, e in flight.events if e.sender == LEAF and e.code == "failsafe"]
     assert len(told) == 1

@@ -40,7 +40,7 @@ def test_hybrid_drones_part_gather_around_the_caller_and_find_the_source() -> No
     stages: list[Stage] = []
 
     def gathered() -> bool:
-        order = flight.trees[1].order if 1 in flight.trees else None
+        order = flight.tables[1].order if 1 in flight.tables else None
         if order is not None and (not stages or stages[-1] is not order.stage):
             stages.append(order.stage)
         return Stage.TRACK in stages
@@ -55,12 +55,12 @@ def test_a_sub_swarm_finds_the_source_and_a_lost_member_moves_nobody_to_a_slot()
     flight = begun("survey_multi")
 
     def parted() -> bool:
-        return 1 in flight.trees and (order := flight.trees[1].order) is not None and order.apart
+        return 1 in flight.tables and (order := flight.tables[1].order) is not None and order.apart
 
     assert flight.run_until(parted, 120.0)
     flight.run(20.0)
     flight.kill(4)
-    assert flight.run_until(lambda: 4 not in dict(flight.trees[1].slots), 15.0)
+    assert flight.run_until(lambda: 4 not in flight.tables[1].held, 15.0)
     flight.run(2.0)
     assert not any(state.healing for drone, state in flight.states.items() if drone != 4)
     assert_ends(flight, 5.0)

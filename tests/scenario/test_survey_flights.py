@@ -110,12 +110,12 @@ def test_drones_that_took_different_starts_fly_one_survey(starts: tuple[int, ...
 
     def search_goes_on() -> bool:
         """The root orders a next place only when it has a reading of everybody."""
-        order = flight.trees[1].order
+        order = flight.tables[1].order
         return order is not None and order.sequence > 2
 
     assert flight.run_until(search_goes_on, 120.0)
-    assert len({tree.survey for tree in flight.trees.values()}) == 1
-    assert all(len(tree.slots) == 5 for tree in flight.trees.values()), "nobody was counted out"
+    assert len({table.survey for table in flight.tables.values()}) == 1
+    assert all(len(table.held) == 5 for table in flight.tables.values()), "nobody was counted out"
 
 
 @pytest.mark.parametrize("victim", [1, 3, 5])
@@ -127,9 +127,9 @@ def test_an_agent_killed_in_flight_is_healed_around(victim: int) -> None:
     flight.run(10.0)
     assert math.hypot(*orphan.velocity_ned_mps) < 0.5  # without its agent the vehicle stops and hovers
     assert orphan.airborne
-    assert victim not in dict(flight.trees[2 if victim == 1 else 1].slots)
+    assert victim not in flight.tables[2 if victim == 1 else 1].held
     assert_found(flight)
-    assert max(tree.heals for tree in flight.trees.values()) == 1
+    assert max(table.heals for table in flight.tables.values()) == 1
 
 
 def test_two_members_lost_at_once_and_a_third_later() -> None:
@@ -152,7 +152,7 @@ def test_a_vehicle_that_hovers_in_the_roots_slot_does_not_stop_the_swarm() -> No
     )
 
     def ordered() -> bool:
-        order = flight.trees[4].order
+        order = flight.tables[4].order
         return order is not None and order.stage is not Stage.FORM
 
     assert flight.run_until(ordered, 60.0)
@@ -186,7 +186,7 @@ def test_a_drone_whose_radio_fails_goes_home_and_does_not_search_on_its_own() ->
     deaf = flight.members[3].agent
     assert deaf.phase.phase is Phase.RETURNING
     assert flight.run_until(lambda: deaf.phase.phase is Phase.LANDED, 120.0)
-    assert 3 not in dict(flight.trees[1].slots)
+    assert 3 not in flight.tables[1].held
     assert flight.phases() <= {Phase.SEARCHING, Phase.TRACKING, Phase.LANDED}
     assert flight.min_separation_m > 4.0
 
@@ -225,7 +225,7 @@ def test_a_pilots_mode_switch_ends_our_authority_and_the_swarm_goes_on() -> None
     flight.tap = lambda drone, _now, _inputs, outputs: sent.append(outputs.autopilot) if drone == 4 else None
     flight.run(5.0)
     assert pilot.agent.phase.phase is Phase.PILOT
-    assert 4 not in dict(flight.trees[1].slots)
+    assert 4 not in flight.tables[1].held
     assert pilot.vehicle.mode == "LOITER"
     assert b"\x54\x00\x00" not in b"".join(sent[10:])  # SET_POSITION_TARGET_LOCAL_NED is message 84
     flight.command(CommandName.RTL, 4)
@@ -265,31 +265,66 @@ def test_a_drone_that_is_disarmed_in_the_air_is_told_to_have_crashed() -> None:
     flight = scenario(seed=8)
     flight.run(40.0)
     flight.members[2].vehicle.stop_motors("Disarming motors")
-    assert flight.run_until(lambda: 2 not in dict(flight.trees[1].slots), 15.0)
+    assert flight.run_until(lambda: 2 not in flight.tables[1].held, 15.0)
     told = {e.code: e.text for at_s, e in flight.events if e.sender == 2 and at_s > flight.now_s - 15.0}
     assert told["crash"].startswith("crashed: fell and hit the ground at ")
     assert "leaving" not in told
 
 
-def test_a_drone_on_the_ground_does_not_start_a_survey_of_its_own() -> None:
-    """Landed by command, then the operator starts again while the others still fly."""
+def test_a_drone_that_was_landed_and_is_started_again_joins_the_survey_that_the_others_fly() -> None:
+    """It does not fly one of its own: it takes the first free slot, in the air."""
     flight = scenario(seed=8)
     flight.run(30.0)
     flight.command(CommandName.LAND, 4)
     assert flight.run_until(lambda: flight.members[4].agent.phase.phase is Phase.LANDED, 60.0)
+    assert 4 not in flight.tables[1].held
     again = flight.command(CommandName.START)
     flight.run(2.0)
-    answers = {o.sender: o for o in flight.outcomes if o.command == again}
-    assert [drone for drone, o in answers.items() if o.result is Result.REFUSED] == [4]
-    assert "has counted this drone out" in answers[4].reason
-    assert flight.members[4].agent.phase.phase is Phase.LANDED
+    assert {o.result for o in flight.outcomes if o.command == again} == {Result.ACCEPTED}
+    surveying = {Phase.SEARCHING, Phase.TRACKING}
+    assert flight.run_until(lambda: flight.members[4].agent.phase.phase in surveying, 90.0)
+    assert len({table.survey for table in flight.tables.values()}) == 1
+    assert all(sorted(table.held) == [1, 2, 3, 4, 5] for table in flight.tables.values())
+    assert_found(flight)
+
+
+def test_an_agent_that_stood_still_takes_a_free_slot_when_it_wakes() -> None:
+    """Its own was given away meanwhile."""
+    flight = scenario(seed=11)
+    flight.run(40.0)
+    held = flight.tables[1].held
+    flight.freeze(2)
+    assert flight.run_until(lambda: 2 not in flight.tables[1].held, 5.0)
+    assert flight.run_until(lambda: held[2] in flight.tables[1].held.values(), 5.0), "its heir has claimed it"
+    flight.run(20.0)
+    flight.thaw(2)
+    assert flight.run_until(lambda: sorted(flight.tables[1].held) == [1, 2, 3, 4, 5], 10.0)
+    surveying = {Phase.SEARCHING, Phase.TRACKING}
+    assert flight.run_until(lambda: flight.members[2].agent.phase.phase in surveying, 60.0)
+    assert_found(flight)
+
+
+@pytest.mark.parametrize("apart", [{1, 2}, {4, 5}, {3}], ids=["with-the-root", "without-the-root", "alone"])
+def test_the_part_that_goes_home_takes_part_again_when_it_hears_the_others(apart: set[int]) -> None:
+    flight = scenario(seed=1)
+    flight.run(80.0)
+    flight.radio.cut("ridge", apart)
+    flight.run(8.0)
+    assert {flight.members[drone].agent.phase.phase for drone in apart} == {Phase.RETURNING}
+    flight.radio.mend("ridge")
+    surveying = {Phase.SEARCHING, Phase.TRACKING}
+    assert flight.run_until(lambda: flight.phases() <= surveying, 90.0), flight.phases()
+    root = next(drone for drone, slot in flight.tables[3].held.items() if slot == 0)
+    assert root not in apart
+    assert all(sorted(table.held) == [1, 2, 3, 4, 5] for table in flight.tables.values())
+    assert_found(flight)
 
 
 def test_a_weak_battery_announces_its_own_loss() -> None:
     flight = scenario(seed=9)
     flight.run(45.0)
     flight.members[5].vehicle.drop_battery_to(0.2)
-    assert flight.run_until(lambda: 5 not in dict(flight.trees[1].slots), 15.0)
+    assert flight.run_until(lambda: 5 not in flight.tables[1].held, 15.0)
     assert_found(flight)
 
 

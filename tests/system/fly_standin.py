@@ -19,12 +19,13 @@ from flightstack.config_file import load
 from flightstack.recording.clock import make_clock
 from flightstack.recording.shared_clock import ClockCells
 from flightstack.swarm import topics
-from flightstack.swarm.wire import CommandName, CommandOutcome, DroneState, Phase, Result, TreeState
+from flightstack.swarm.wire import CommandName, CommandOutcome, DroneState, Phase, Result, TableState
 from flightstack.transport.zenoh_transport import ZenohTransport
 from mission.documents.yaml_file import parse
 from mission.estimation.estimates import Scalar
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Order, Stage
+from mission.tree.slot_registers import configured
 from simvehicle.fleet.fleet_clock import FleetClock
 from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.fleet.truth import COLUMNS
@@ -85,9 +86,9 @@ def agent(config: DroneConfig) -> None:
         if stage is not None:
             source = (30.5, -84.0, -10.0) if stage is Stage.FOUND else None
             order = Order(list(Stage).index(stage) + 1, stage, where, 0.0, source)
-            slots = tuple((drone, slot) for slot, drone in enumerate(swarm.members))
-            tree = TreeState(config.drone, os.getpid(), 7, 0, 1, slots, (), order, (), 0)
-            transport.publish(topics.TREE, topics.TREE.codec.encode(tree))
+            claims = tuple(configured(swarm.members).items())
+            table = TableState(config.drone, os.getpid(), ticks, 7, "", claims, (), (), order, claims[0][1])
+            transport.publish(topics.TABLE, topics.TABLE.codec.encode(table))
         told = file.with_suffix(".new")
         told.write_bytes(msgspec.json.encode(ToldPlace(now_s, where, airborne)))
         told.replace(file)

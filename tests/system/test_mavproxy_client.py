@@ -19,6 +19,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
+from flightstack.mavlink.signing import key_of_passphrase
 from mission.geometry.frames import Geodetic
 from simvehicle.drone.drone_spec import VehicleSpec
 from simvehicle.drone.simulated_vehicle import SimulatedVehicle
@@ -145,6 +146,24 @@ def test_mavproxy_flies_it(
     finally:
         console.close()
     assert (tmp_path / "mav.tlog").stat().st_size > 1000
+
+
+def test_mavproxy_gives_it_a_key_and_is_obeyed(
+    mavproxy: list[str], vehicle: SimulatedVehicle, port: int, tmp_path: pathlib.Path
+) -> None:
+    console = Console(mavproxy, port, tmp_path)
+    try:
+        console.until("discovery, parameters", lambda said: "Received" in said and vehicle.ready)
+        console.type("module load signing")
+        console.until("its module", lambda said: "Loaded module signing" in said)
+        console.type("signing setup swordfish")
+        console.until("the key", lambda _: vehicle.autopilot.signing_key == key_of_passphrase("swordfish"))
+        console.type("param set WPNAV_SPEED 700")
+        console.until("a set parameter", lambda _: vehicle.autopilot.parameters["WPNAV_SPEED"] == 700.0)
+        console.type("mode guided")
+        console.until("GUIDED in signed words", lambda said: vehicle.mode == "GUIDED" and "GUIDED" in said)
+    finally:
+        console.close()
 
 
 def _parameters(console: Console, vehicle: SimulatedVehicle) -> None:

@@ -23,7 +23,7 @@ from flightstack.swarm.wire import (
     Phase,
     Result,
     Severity,
-    TreeState,
+    TableState,
 )
 from mission.geometry.frames import LocalFrame
 
@@ -140,7 +140,7 @@ def test_a_start_that_cannot_be_is_refused_in_the_same_tick(flight: AgentFlight)
     (outcome,) = told(flight.tick(CommandName.START, silent=True), CommandOutcome)
     assert (outcome.result, outcome.sender) == (Result.REFUSED, 1)
     assert outcome.reason == "the autopilot does not answer: check its link and power"
-    assert told(flight.outputs[-1], TreeState) == []
+    assert told(flight.outputs[-1], TableState) == []
 
 
 def test_a_start_arms_takes_off_and_tells_everybody(flight: AgentFlight) -> None:
@@ -148,8 +148,8 @@ def test_a_start_arms_takes_off_and_tells_everybody(flight: AgentFlight) -> None
     outputs = flight.tick(CommandName.START)
     assert outputs.status.phase is Phase.ARMING
     assert [outcome.result for outcome in told(outputs, CommandOutcome)] == [Result.ACCEPTED]
-    (tree,) = told(outputs, TreeState)
-    assert (tree.survey, tree.slots) == ("start-1", ((1, 0),))
+    (table,) = told(outputs, TableState)
+    assert (table.survey, table.held) == ("start-1", {1: 0})
     outputs = flight.until(Phase.FORMING)
     assert flight.autopilot.armed
     assert flight.autopilot.mode == GUIDED
@@ -425,8 +425,8 @@ def test_of_a_survey_before_nothing_is_remembered(flight: AgentFlight) -> None:
     flight.autopilot.mode = GUIDED
     before = flight.agent._strategy
     outputs = flight.tick(CommandName.START)
-    (tree,) = told(outputs, TreeState) or told(flight.tick(), TreeState)
-    assert tree.survey != "start-1"
-    assert tree.order is not None
-    assert tree.order.sequence == 1
+    (table,) = told(outputs, TableState) or told(flight.tick(), TableState)
+    assert table.survey != "start-1"
+    assert table.order is not None
+    assert table.order.sequence == 1
     assert flight.agent._strategy is not before

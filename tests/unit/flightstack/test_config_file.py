@@ -9,6 +9,7 @@ import shutil
 import pytest
 
 from flightstack.config_file import load
+from flightstack.mavlink.signing_store import write_key
 from gcs.station_config import load as load_station
 from mission.documents.yaml_file import DocumentError
 from mission.geometry.geofence import Geofence
@@ -166,3 +167,14 @@ def test_a_station_watches_the_fence_of_a_file_too(folder: pathlib.Path) -> None
     fence = load_station(station).geofence
     assert type(fence) is Geofence
     assert len(fence.inclusion[0]) == 3
+
+
+def test_a_signing_key_lies_beside_the_file(tmp_path: pathlib.Path) -> None:
+    file = tmp_path / "drone.yaml"
+    file.write_text(
+        GOOD.replace("  flavour: ardupilot\n", "  flavour: ardupilot\n  signing_key: mavlink.key\n")
+    )
+    with pytest.raises(DocumentError, match=r"drone\.yaml:13: autopilot\.signing_key: .*No such file"):
+        load(file)
+    write_key(tmp_path / "mavlink.key")
+    assert load(file).autopilot.signing_key == str(tmp_path / "mavlink.key")

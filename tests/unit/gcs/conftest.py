@@ -14,10 +14,11 @@ from flightstack.mavlink import vehicle_state
 from flightstack.mavlink.codec import MavlinkCodec
 from flightstack.swarm import topics
 from flightstack.swarm.topics import Received, Topic
-from flightstack.swarm.wire import DroneState, Phase, TreeState
+from flightstack.swarm.wire import DroneState, Phase, TableState
 from gcs.fleet.view import FleetView
 from gcs.station_config import GroundConfig, MavlinkConfig
 from mission.geometry.frames import Geodetic, LocalFrame
+from mission.tree.slot_registers import SlotRegister
 
 ORIGIN = Geodetic(28.2724, -16.6425, 2300.0)
 FRAME = LocalFrame(ORIGIN)
@@ -132,20 +133,21 @@ def make_state(drone: int, **changes: Any) -> DroneState:
     return msgspec.structs.replace(state, **changes)
 
 
-def make_tree(drone: int, members: tuple[int, ...], *, epoch: int = 1, **changes: Any) -> TreeState:
-    tree = TreeState(
+def make_table(drone: int, members: tuple[int, ...], *, epoch: int = 1, **changes: Any) -> TableState:
+    """`members` hold the slots from the first, each claimed for the `epoch`th time."""
+    table = TableState(
         sender=drone,
         incarnation=100 + drone,
+        sequence=1,
         frame=FRAME.identity,
-        epoch=epoch,
-        author=1,
-        slots=tuple((member, index) for index, member in enumerate(members)),
-        lost=(),
+        survey="survey",
+        slots=tuple((slot, SlotRegister(epoch, member)) for slot, member in enumerate(members)),
+        members=(),
+        absent=(),
         order=None,
-        readings=(),
-        lineage=((len(members), 1),) * epoch,
+        ordered_by=None,
     )
-    return msgspec.structs.replace(tree, **changes)
+    return msgspec.structs.replace(table, **changes)
 
 
 @pytest.fixture
@@ -154,8 +156,8 @@ def state() -> Callable[..., DroneState]:
 
 
 @pytest.fixture
-def tree() -> Callable[..., TreeState]:
-    return make_tree
+def table() -> Callable[..., TableState]:
+    return make_table
 
 
 def received(message: msgspec.Struct, sender: str | None = None) -> Received:
@@ -180,7 +182,7 @@ class TalkingFleet:
     def __init__(self, members: tuple[int, ...] = (1, 2, 3)) -> None:
         self.view = FleetView(members, FRAME, 0.0)
         self.talking: dict[int, dict[str, Any]] = {member: {} for member in members}
-        self.trees: dict[int, TreeState] = {}
+        self.tables: dict[int, TableState] = {}
         self.flying: dict[int, SpeakingAutopilot] = {}
         self.beside: Callable[[], bytes] | None = None
         """What others say on the link."""
@@ -191,8 +193,8 @@ class TalkingFleet:
         self._sequence += 1
         for drone, changes in self.talking.items():
             self.view.receive_peer(now_s, received(make_state(drone, sequence=self._sequence, **changes)))
-            if drone in self.trees:
-                self.view.receive_peer(now_s, received(self.trees[drone]))
+            if drone in self.tables:
+                self.view.receive_peer(now_s, received(self.tables[drone]))
         said = [vehicle.everything() for vehicle in self.flying.values()]
         said += [self.beside()] if self.beside is not None else []
         for message in self._codec.receive(now_s, b"".join(said)):

@@ -150,14 +150,14 @@ def test_an_orphan_becomes_traffic_and_is_called_home(world, autopilot):
     assert [v.mode for v in report.vehicles] == ["RTL"]
 
 
-def test_each_part_of_a_swarm_that_came_apart_is_told_where_the_other_is(world, autopilot, tree):
+def test_each_part_of_a_swarm_that_came_apart_is_told_where_the_other_is(world, autopilot, table):
     """We hear both; they do not hear each other."""
     world.vehicles = [autopilot(2)]
     for _ in range(10):
-        world.run(1.0, tree(1, (1, 2, 3)), tree(2, (1, 2, 3)))
+        world.run(1.0, table(1, (1, 2, 3)), table(2, (1, 2, 3)))
     assert world.told(topics.TRAFFIC) == []
     for _ in range(2):
-        world.run(1.0, tree(1, (1, 3)), tree(2, (2,)))
+        world.run(1.0, table(1, (1, 3)), table(2, (2,)))
     assert [vehicle.drone for vehicle in world.told(topics.TRAFFIC)[-1].vehicles] == [2]
 
 
@@ -484,3 +484,15 @@ def test_what_a_drone_tells_of_itself_is_no_second_event_of_the_station(world):
     world.run(5.0)
     assert (2, "crash") in alarm_codes(world)
     assert [event for event in world.told(topics.EVENT) if event.code == "crash"] == []
+
+
+def test_a_vehicle_that_signs_is_told_of_once_where_there_is_no_key(world, autopilot):
+    world.vehicles = [autopilot(2), autopilot(9)]
+    world.run(5.0)
+    assert not any("signs" in line for _, line in world.log)
+    for vehicle in world.vehicles:
+        vehicle.mav.signing.secret_key = bytes(range(32))
+        vehicle.mav.signing.sign_outgoing = True
+    world.run(10.0)
+    told = [line for _, line in world.log if "signs" in line]
+    assert told == ["drone 2 signs, and may obey nobody without its key: set mavlink.signing_key"]

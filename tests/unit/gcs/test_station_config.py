@@ -6,6 +6,7 @@ import pathlib
 
 import pytest
 
+from flightstack.mavlink.signing_store import write_key
 from gcs.connection import Connection, from_options, own_endpoint, reachable
 from gcs.errors import GroundError
 from gcs.station_config import load
@@ -133,3 +134,13 @@ def test_a_host_of_the_file_that_does_not_exist_leaves_the_others(written):
     file = written(GOOD.replace("tcp/0.0.0.0:7447", "tcp/no-such-host.invalid:7447"))
     (problem,) = from_options(file, None, []).unresolved
     assert problem.startswith(f"{file}: tcp/no-such-host.invalid:7447: no host is called")
+
+
+def test_a_signing_key_lies_beside_the_file(written, tmp_path):
+    write_key(tmp_path / "mavlink.key")
+    text = GOOD.replace("mavlink:\n", "mavlink:\n  signing_key: mavlink.key\n")
+    assert load(written(text)).mavlink.signing_key == str(tmp_path / "mavlink.key")
+    (tmp_path / "mavlink.key").chmod(0o644)
+    with pytest.raises(DocumentError, match=r"ground\.yaml:9: mavlink\.signing_key: .*chmod 600") as caught:
+        load(written(text))
+    assert "\n" not in str(caught.value)

@@ -5,10 +5,12 @@ from __future__ import annotations
 import pathlib
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.autopilot import AutopilotSession, TakenBy
 from flightstack.config import AutopilotConfig
 from flightstack.config_file import load
+from flightstack.mavlink.codec import MavlinkCodec
 from mission.geometry.frames import Geodetic, LocalFrame
 from simvehicle.drone.drone_spec import VehicleSpec
 from simvehicle.drone.simulated_vehicle import SimulatedVehicle
@@ -282,3 +284,19 @@ def test_a_text_that_was_lost_on_the_way_is_fetched():
     assert "Landing at current position" not in flight.texts
     flight.run(6.0)
     assert "Landing at current position" in flight.texts
+
+
+def test_a_vehicle_that_signs_is_told_of_where_there_is_no_key():
+    flight = Flight("ardupilot")
+    assert flight.vehicle.autopilot.signing_key is None
+    for _ in range(30):
+        flight.tick()
+    assert not any("signs" in note for note in flight.report.notes)
+    key = mavlink.MAVLink_setup_signing_message(3, 1, list(range(32)), 5)
+    flight.vehicle.receive(0, MavlinkCodec(255, 190).encode(key))
+    for _ in range(30):
+        flight.tick()
+    assert flight.report.connected
+    assert "autopilot signs what it says, and may obey nobody without its key: set autopilot.signing_key" in (
+        flight.report.notes
+    )

@@ -8,8 +8,9 @@ import msgspec
 import pytest
 
 from flightstack.flight.facts import SwarmFacts, VehicleFacts
-from flightstack.flight.phase import Ask, FlightPhase, PhaseStep
+from flightstack.flight.phase import NO_SLOT_S, SLOTLESS_S, Ask, FlightPhase, PhaseStep
 from flightstack.flight.transitions import STEERING
+from flightstack.swarm.news import Note
 from flightstack.swarm.wire import TAKING_PART, Command, CommandName, Phase, Result, Severity
 from mission.strategies.contract import Order, Stage
 
@@ -25,7 +26,6 @@ ALONE = SwarmFacts(
     formed_up=False,
     over_home=False,
     stuck=False,
-    shut_out=False,
     must_return="",
 )
 
@@ -144,15 +144,6 @@ def test_a_start_for_those_that_did_not_hear_the_first_is_nothing_new_to_the_oth
     assert (step.outcomes[0].result, step.started, step.phase) == (Result.ACCEPTED, None, phase)
 
 
-def test_a_drone_that_the_survey_has_counted_out_does_not_fly_one_of_its_own() -> None:
-    flight = Flight()
-    step = flight.step(
-        GROUND, msgspec.structs.replace(ALONE, shut_out=True), flight.command(CommandName.START)
-    )
-    assert step.outcomes[0].result is Result.REFUSED
-    assert "counted this drone out" in step.outcomes[0].reason
-
-
 def test_commands_to_others_are_not_ours() -> None:
     flight = Flight()
     step = flight.step(GROUND, ALONE, flight.command(CommandName.START, target=4))
@@ -245,11 +236,60 @@ def test_a_drone_whose_way_home_takes_too_long_lands_where_it_is_and_says_why() 
     assert [note.text for note in step.notes] == ["landing: the way home has no end: landing here"]
 
 
-def test_a_drone_that_the_swarm_has_counted_out_goes_home() -> None:
+def put_out(flight: Flight, seconds: float) -> list[Note]:
+    """Fly on without a slot; gives what is told."""
+    notes: list[Note] = []
+    for _ in range(round(seconds * 10)):
+        notes += flight.step(UP, msgspec.structs.replace(ALONE, member=False)).notes
+    return notes
+
+
+@pytest.mark.parametrize("stage", [Stage.SEARCH, Stage.TRACK])
+def test_a_drone_whose_slot_was_given_away_flies_to_the_next_that_is_free(stage: Stage) -> None:
     flight = Flight().to(Phase.SEARCHING)
-    step = flight.step(UP, msgspec.structs.replace(ALONE, member=False))
-    assert step.phase is Phase.RETURNING
-    assert [(note.severity, note.code) for note in step.notes] == [(Severity.WARNING, "leaving")]
+    flight.step(UP, msgspec.structs.replace(ALONE, order=order(stage)))
+    before = flight.machine.phase
+    put_out(flight, SLOTLESS_S)
+    assert flight.machine.phase is before, "two that claim one slot settle it sooner"
+    assert [note.code for note in put_out(flight, 0.3)] == ["rejoin"]
+    assert flight.machine.phase is Phase.FORMING
+    assert put_out(flight, NO_SLOT_S - 5.0) == []
+    step = flight.step(UP, msgspec.structs.replace(ALONE, order=order(stage), formed_up=True))
+    assert step.phase is before
+
+
+def test_a_drone_for_which_there_is_no_slot_goes_home_after_a_while_and_stays_there() -> None:
+    flight = Flight().to(Phase.SEARCHING)
+    assert [note.code for note in put_out(flight, NO_SLOT_S + 1.0)] == ["rejoin", "leaving"]
+    assert flight.machine.phase is Phase.RETURNING
+    heard = msgspec.structs.replace(ALONE, member=False, flies_on=True)
+    assert flight.step(UP, heard).phase is Phase.RETURNING
+
+
+def test_a_drone_that_was_cut_off_takes_part_again_once_it_hears_the_swarm() -> None:
+    flight = Flight().to(Phase.SEARCHING)
+    cut_off = msgspec.structs.replace(ALONE, must_return="most fell silent", parted=True)
+    assert flight.step(UP, cut_off).phase is Phase.RETURNING
+    alone = msgspec.structs.replace(ALONE, member=False)
+    assert flight.step(UP, alone).phase is Phase.RETURNING
+    heard = msgspec.structs.replace(alone, flies_on=True)
+    assert flight.step(UP, msgspec.structs.replace(heard, must_return="battery")).phase is Phase.RETURNING
+    assert flight.step(UP, heard).phase is Phase.FORMING
+
+
+@pytest.mark.parametrize("why", ["battery", "found", "aborted"])
+def test_a_drone_that_goes_home_for_good_does_not_turn_back(why: str) -> None:
+    flight = Flight().to(Phase.SEARCHING)
+    match why:
+        case "battery":
+            flight.step(UP, msgspec.structs.replace(ALONE, must_return=why))
+        case "found":
+            flight.step(UP, msgspec.structs.replace(ALONE, order=order(Stage.FOUND)))
+        case "aborted":
+            flight.step(UP, msgspec.structs.replace(ALONE, must_return="most fell silent", parted=True))
+            flight.step(UP, ALONE, flight.command(CommandName.ABORT))
+    assert flight.machine.phase is Phase.RETURNING
+    assert flight.step(UP, msgspec.structs.replace(ALONE, flies_on=True)).phase is Phase.RETURNING
 
 
 @pytest.mark.parametrize("phase", [Phase.FORMING, Phase.SEARCHING, Phase.TRACKING, Phase.HOLDING])

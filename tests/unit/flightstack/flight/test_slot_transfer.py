@@ -26,7 +26,7 @@ TRANSFER = SlotStep(SlotState.TRANSFER, formed_up=False)
 
 class SlotSeeker:
     def __init__(self) -> None:
-        self.slot = SlotTransfer()
+        self.slot = SlotTransfer(separation_m=4.0)
         self.now_s = 50.0
 
     def step(
@@ -95,6 +95,15 @@ def test_a_slot_in_which_a_vehicle_hovers_is_given_up(drone: SlotSeeker) -> None
     assert drone.step(Phase.SEARCHING, moved=True, velocity=STILL) == TRANSFER
     assert drone.step(Phase.SEARCHING, velocity=STILL, after_s=APPROACH_BLOCKED_S - 0.1) == TRANSFER
     assert drone.step(Phase.SEARCHING, velocity=STILL, after_s=0.2) == SETTLED
+
+
+def test_a_slot_beside_which_it_steps_to_and_fro_is_given_up_too(drone: SlotSeeker) -> None:
+    """The guard steps aside before the vehicle that hovers there, and never stands still."""
+    drone.step(Phase.SEARCHING, moved=True)
+    beside = [(SLOT[0] - 2.0, SLOT[1] + shift_m, SLOT[2] + 5.0) for shift_m in (0.0, 0.4, 0.0, -0.4)]
+    steps = [drone.step(Phase.SEARCHING, beside[n % 4]) for n in range(round(APPROACH_BLOCKED_S * 10.0) + 2)]
+    assert steps[-3] == TRANSFER
+    assert steps[-1] == SETTLED
 
 
 def test_the_swarm_does_not_wait_for_ever_for_an_heir(drone: SlotSeeker) -> None:

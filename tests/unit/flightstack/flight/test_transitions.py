@@ -50,6 +50,7 @@ flies             -   -   -   -   -   -   -   -   -   -   -   -  lnd
 search            -   -   -  sea  -  sea  -   -   -   -   -   -   -
 track             -   -   -  trk trk  -   -   -   -   -   -   -   -
 go_home           -   -   -  ret ret ret ret  -   -   -   -   -   -
+rejoin            -   -   -   -  frm frm  -  frm  -   -   -   -   -
 over_home         -   -   -   -   -   -   -  lnd  -   -   -   -   -
 blocked           -   -   -   -   -   -   -  lnd  -   -   -   -   -
 """
@@ -101,9 +102,7 @@ FLYING = VehicleFacts(
     at_takeoff_altitude=False,
 )  # fmt: skip
 STANDING = msgspec.structs.replace(FLYING, armed=False, airborne=False, ours=False, mode="STABILIZE")
-MEMBER = SwarmFacts(
-    order=None, member=True, formed_up=False, over_home=False, stuck=False, shut_out=False, must_return=""
-)
+MEMBER = SwarmFacts(order=None, member=True, formed_up=False, over_home=False, stuck=False, must_return="")
 
 
 @pytest.mark.parametrize("name", CommandName)
@@ -143,7 +142,7 @@ def test_no_facts_lead_to_an_illegal_event(phase: Phase, name: CommandName) -> N
             order = None if stage is None else Order(1, stage, (0.0, 0.0, -10.0), 0.0)
             swarm = SwarmFacts(
                 order=order, member=member, formed_up=near, over_home=near, stuck=near and member,
-                shut_out=not member, must_return="battery" if must else "",
+                must_return="battery" if must else "", parted=must, flies_on=member,
             )  # fmt: skip
             machine = FlightPhase(3)
             machine.phase = phase

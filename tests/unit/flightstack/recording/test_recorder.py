@@ -32,9 +32,10 @@ from flightstack.recording.recorder import (
     restore,
     unused,
 )
-from flightstack.swarm.wire import DroneState, Phase, TreeState
-from mission.estimation.estimates import Reading, Scalar, Wind
+from flightstack.swarm.wire import DroneState, MemberRegister, Phase, TableState
+from mission.estimation.estimates import Scalar, Wind
 from mission.strategies.contract import Order, Stage
+from mission.tree.slot_registers import SlotRegister
 
 STATE = DroneState(
     sender=3,
@@ -60,16 +61,17 @@ STATE = DroneState(
     tracking_best_ppm=None,
     notes=("co2: zeroing 12 of 25",),
 )
-TREE = TreeState(
+TABLE = TableState(
     sender=3,
     incarnation=77,
+    sequence=4,
     frame=123,
-    epoch=2,
-    author=1,
-    slots=((1, 0), (3, 1)),
-    lost=(2,),
+    survey="survey",
+    slots=((0, SlotRegister(0, 1)), (1, SlotRegister(2, 3, 2))),
+    members=((2, MemberRegister(0, 0)),),
+    absent=(2,),
     order=Order(4, Stage.TRACK, (1.0, 2.0, -3.0), 0.5),
-    readings=(Reading(3, 4, (1.0, 2.0, 3.0), 12.5, 0.25),),
+    ordered_by=SlotRegister(0, 1),
 )
 
 
@@ -103,7 +105,7 @@ def test_records_come_back_in_order_with_their_exact_times(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "message", [STATE, TREE, Tick(b"\x00\xff", (STATE,), ("a", b"b"), None, {"x": Scalar(1, 2, 3)})]
+    "message", [STATE, TABLE, Tick(b"\x00\xff", (STATE,), ("a", b"b"), None, {"x": Scalar(1, 2, 3)})]
 )
 def test_structs_are_objects_in_the_file_and_structs_again_afterwards(tmp_path, message):
     (record,) = _write(tmp_path / "f.mcap", ("/m", 1.0, message))

@@ -38,27 +38,34 @@ from flightstack.swarm.wire import (
     GroundAlarm,
     GroundReport,
     HeardVehicle,
+    MemberRegister,
     Phase,
+    ReadingsState,
     Result,
     Severity,
+    TableState,
     Traffic,
     TrafficVehicle,
-    TreeState,
 )
 from mission.estimation.estimates import Reading, Scalar, Wind
 from mission.strategies.contract import Decision, GoTo, Hold, Observation, Order, Stage, Velocity
+from mission.tree.slot_registers import SlotRegister
 
 EXAMPLE = pathlib.Path(__file__).parents[4] / "examples" / "drone.yaml"
 MEMBERS = (1, 2, 3, 4, 5)
 NAN, INF = math.nan, math.inf
 READING = Reading(2, 7, (1.0, 2.0, -10.0), 40.0, 4.0)
 ORDER = Order(7, Stage.TRACK, (1.0, 2.0, -10.0), 0.5, None, b"note")
-SLOTS = tuple((drone, slot) for slot, drone in enumerate(MEMBERS))
-TREE = TreeState(2, 1, 0, 2, 2, SLOTS, (), ORDER, (READING,), 2, "survey", ((4, 1), (3, 2)))
 STATE = DroneState(
     2, 1, 1, 0, Phase.SEARCHING, (1.0, 2.0, -10.0), (0.5, 0.0, 0.0), 0.0, None, True, True, "GUIDED", 0.9,
     450.0, None, None, 0, 1, 1, False, None,
 )  # fmt: skip
+CLAIM = SlotRegister(3, 2, 5)
+TABLE = TableState(
+    2, 1, 1, 0, "survey", ((0, CLAIM), (3, SlotRegister(1))), ((4, MemberRegister(2, 2, -1)),), (4,), ORDER, CLAIM,
+    2,
+)  # fmt: skip
+READINGS = ReadingsState(2, 1, 1, 0, "survey", READING.order, (READING,), (1, 4))
 COMMAND = Command("c1", "ground", 0, CommandName.START)
 replace = msgspec.structs.replace
 
@@ -71,14 +78,23 @@ def message(topic: Topic, sender: str, content: object) -> PeerMessage:
     return PeerMessage(topic.name, sender, topic.codec.encode(content))
 
 
-@pytest.mark.parametrize("good", [STATE, TREE, COMMAND, replace(TREE, order=None, readings=())])
+@pytest.mark.parametrize(
+    "good",
+    [
+        STATE,
+        TABLE,
+        READINGS,
+        COMMAND,
+        replace(TABLE, order=None, ordered_by=None),
+    ],
+)
 def test_what_a_healthy_node_says_is_believed(good: object) -> None:
     assert refusal(good, MEMBERS) == ""
 
 
 def test_a_drone_without_a_sensor_reports_a_reading_of_infinite_variance() -> None:
     blind = replace(READING, excess_co2_ppm=0.0, variance_ppm2=INF)
-    assert refusal(replace(TREE, readings=(blind,)), MEMBERS) == ""
+    assert refusal(replace(READINGS, readings=(blind,)), MEMBERS) == ""
 
 
 @pytest.mark.parametrize(
@@ -90,33 +106,44 @@ def test_a_drone_without_a_sensor_reports_a_reading_of_infinite_variance() -> No
         replace(STATE, home_ned_m=(0.0, NAN, 0.0)),
         replace(STATE, position_age_s=NAN),
         replace(STATE, position_age_s=-1.0),
-        replace(TREE, epoch=2**64 - 1),
-        replace(TREE, epoch=-1),
-        replace(TREE, heals=2**63),
-        replace(TREE, author=9),
-        replace(TREE, author=1),
-        replace(TREE, epoch=3),
-        replace(TREE, lineage=()),
-        replace(TREE, lineage=((4, 9), (3, 2))),
-        replace(TREE, lineage=((2**62, 1), (3, 2))),
-        replace(TREE, epoch=1000, lineage=((4, 2),) * 1000),
-        replace(TREE, slots=()),
-        replace(TREE, slots=((1, 0), (2, 10**9))),
-        replace(TREE, slots=((1, 0), (2, -1))),
-        replace(TREE, slots=((1, 0), (1, 1))),
-        replace(TREE, slots=((1, 0), (2, 0))),
-        replace(TREE, slots=((1, 0), (99, 1))),
-        replace(TREE, lost=tuple(range(10_000))),
-        replace(TREE, readings=(READING,) * 10_000),
-        replace(TREE, readings=(replace(READING, excess_co2_ppm=NAN),)),
-        replace(TREE, readings=(replace(READING, variance_ppm2=-1.0),)),
-        replace(TREE, readings=(replace(READING, variance_ppm2=NAN),)),
-        replace(TREE, readings=(replace(READING, position_ned_m=(INF, 0.0, 0.0)),)),
-        replace(TREE, order=replace(ORDER, sequence=2**64 - 1)),
-        replace(TREE, order=replace(ORDER, anchor_ned_m=(NAN, 0.0, 0.0))),
-        replace(TREE, order=replace(ORDER, rotation_rad=INF)),
-        replace(TREE, order=replace(ORDER, source_ned_m=(0.0, NAN, 0.0))),
-        replace(TREE, order=replace(ORDER, note=bytes(NOTE_AT_MOST_BYTES + 1))),
+        replace(TABLE, heals=2**63),
+        replace(TABLE, order=replace(ORDER, sequence=2**64 - 1)),
+        replace(TABLE, order=replace(ORDER, anchor_ned_m=(NAN, 0.0, 0.0))),
+        replace(TABLE, order=replace(ORDER, rotation_rad=INF)),
+        replace(TABLE, order=replace(ORDER, source_ned_m=(0.0, NAN, 0.0))),
+        replace(TABLE, order=replace(ORDER, note=bytes(NOTE_AT_MOST_BYTES + 1))),
+        replace(TABLE, heals=-1),
+        replace(TABLE, sequence=2**63),
+        replace(TABLE, slots=((0, CLAIM), (0, CLAIM))),
+        replace(TABLE, slots=((5, CLAIM),)),
+        replace(TABLE, slots=((-1, CLAIM),)),
+        replace(TABLE, slots=((0, CLAIM),) * 10_000),
+        replace(TABLE, slots=((0, replace(CLAIM, version=2**31)),)),
+        replace(TABLE, slots=((0, replace(CLAIM, version=-1)),)),
+        replace(TABLE, slots=((0, replace(CLAIM, holder=99)),)),
+        replace(TABLE, slots=((0, replace(CLAIM, support=6)),)),
+        replace(TABLE, slots=((0, replace(CLAIM, support=-1)),)),
+        replace(TABLE, members=((9, MemberRegister()),)),
+        replace(TABLE, members=((4, MemberRegister()), (4, MemberRegister(1)))),
+        replace(TABLE, members=((4, MemberRegister(2**31)),)),
+        replace(TABLE, members=((4, MemberRegister(-1)),)),
+        replace(TABLE, members=((4, MemberRegister(1, 2)),)),
+        replace(TABLE, members=((4, MemberRegister(1, -2)),)),
+        replace(TABLE, members=((4, MemberRegister(1, -1, 2)),)),
+        replace(TABLE, absent=(99,)),
+        replace(TABLE, absent=(4,) * 10_000),
+        replace(READINGS, sequence=-1),
+        replace(READINGS, readings=(READING,) * 10_000),
+        replace(READINGS, readings=(replace(READING, drone=99),)),
+        replace(READINGS, readings=(replace(READING, excess_co2_ppm=NAN),)),
+        replace(READINGS, readings=(replace(READING, variance_ppm2=-1.0),)),
+        replace(READINGS, readings=(replace(READING, variance_ppm2=NAN),)),
+        replace(READINGS, readings=(replace(READING, position_ned_m=(INF, 0.0, 0.0)),)),
+        replace(READINGS, held=(99,)),
+        replace(READINGS, held=(4,) * 10_000),
+        replace(TABLE, order=None),
+        replace(TABLE, ordered_by=None),
+        replace(TABLE, ordered_by=replace(CLAIM, holder=99)),
         replace(COMMAND, identity=""),
         replace(COMMAND, identity="x" * (LONGEST_WORD + 1)),
         replace(COMMAND, sender="a\nb"),
@@ -166,12 +193,15 @@ def refused_as(admission: Admission, content: object, sender: str) -> RefusalKin
 @pytest.mark.parametrize(
     ("content", "sender", "why"),
     [
-        (TREE, "2", None),
+        (TABLE, "2", None),
         (STATE, "2", None),
-        (TREE, "3", RefusalKind.MISNAMED),
-        (replace(TREE, frame=9), "2", RefusalKind.FOREIGN_FRAME),
-        (replace(TREE, sender=7), "7", RefusalKind.STRANGER),
-        (replace(TREE, slots=((1, 0), (2, 10**9))), "2", RefusalKind.IMPLAUSIBLE),
+        (TABLE, "3", RefusalKind.MISNAMED),
+        (READINGS, "3", RefusalKind.MISNAMED),
+        (replace(READINGS, frame=9), "2", RefusalKind.FOREIGN_FRAME),
+        (replace(READINGS, sender=7), "7", RefusalKind.STRANGER),
+        (replace(TABLE, frame=9), "2", RefusalKind.FOREIGN_FRAME),
+        (replace(TABLE, sender=7), "7", RefusalKind.STRANGER),
+        (replace(TABLE, slots=((5, CLAIM),)), "2", RefusalKind.IMPLAUSIBLE),
         (replace(STATE, position_ned_m=(NAN, 0.0, 0.0)), "2", RefusalKind.IMPLAUSIBLE),
         (replace(STATE, sender=7, position_ned_m=(NAN, 0.0, 0.0)), "7", RefusalKind.IMPLAUSIBLE),
         (Traffic("ground", 9, ()), "ground", RefusalKind.FOREIGN_FRAME),
@@ -198,10 +228,11 @@ def test_a_drone_does_not_take_another_for_itself_and_a_ground_station_sees_both
 
 def test_who_does_not_know_the_swarm_takes_any_member_and_any_frame_but_no_nonsense() -> None:
     admission = Admission()
-    far = replace(TREE, sender=200, frame=9, slots=((200, 0), (201, 1)), lineage=(), epoch=0, author=0)
+    claims = ((0, SlotRegister(0, 200)), (1, SlotRegister(2, 201, 2)))
+    far = replace(TABLE, sender=200, frame=9, slots=claims, ordered_by=claims[0][1])
     assert admission.admit(sent(far, "200")) == far
     assert refused_as(admission, replace(far, sender=256), "256") is RefusalKind.STRANGER
-    assert refused_as(admission, replace(far, slots=((0, 0),)), "200") is RefusalKind.IMPLAUSIBLE
+    assert refused_as(admission, replace(far, slots=((300, CLAIM),)), "200") is RefusalKind.IMPLAUSIBLE
     assert refusal(far, ANYBODY) == ""
 
 
@@ -218,15 +249,15 @@ def test_a_node_that_makes_up_faults_without_end_is_told_of_a_thousand_times() -
     assert sum(isinstance(refused, Refusal) and refused.fresh for refused in judged) == 1000
 
 
-def test_a_refused_tree_is_told_once_and_changes_nothing() -> None:
+def test_a_refused_table_is_told_once_and_changes_nothing() -> None:
     flyer = agent()
     start = message(topics.COMMAND, "ground", COMMAND)
     flyer.step(1.0, Inputs(peers=(start,)))
-    bad = replace(TREE, frame=flyer.frame.identity, slots=((1, 0), (2, 10**9)), survey="c1")
+    bad = replace(TABLE, frame=flyer.frame.identity, slots=((5, CLAIM),), survey="c1")
     told = [
         event.text
         for tick in range(5)
-        for event in flyer.step(2.0 + tick, Inputs(peers=(message(topics.TREE, "2", bad),))).events
+        for event in flyer.step(2.0 + tick, Inputs(peers=(message(topics.TABLE, "2", bad),))).events
         if event.code == "peer"
     ]
     assert told == ["a message of 2 is refused: its slots are not those of this swarm"]
@@ -268,38 +299,35 @@ orders = st.builds(
     Order, counts, st.sampled_from(Stage), vectors, numbers, st.none() | vectors,
     locus_notes | st.binary(max_size=600),
 )  # fmt: skip
-assignments = st.one_of(
-    st.lists(st.tuples(counts, counts), max_size=6).map(tuple),
-    st.permutations(MEMBERS).map(lambda drones: tuple((drone, slot) for slot, drone in enumerate(drones))),
+claims = st.builds(SlotRegister, counts, st.sampled_from((*MEMBERS, -1)) | counts, counts)
+small_claims = st.builds(SlotRegister, st.integers(0, 6), st.sampled_from((*MEMBERS, -1)), st.integers(0, 5))
+lives = st.integers(0, 6).flatmap(
+    lambda life: st.builds(MemberRegister, st.just(life), st.integers(-1, life), st.integers(-1, life))
 )
 
 
 @settings(max_examples=150, deadline=None)
 @given(
-    epoch=counts,
-    author=counts,
-    lineage=st.one_of(
-        st.just(()),
-        st.lists(st.tuples(st.integers(0, 6), st.sampled_from(MEMBERS)), max_size=4).map(tuple),
-        st.lists(st.tuples(counts, counts), max_size=6).map(tuple),
-    ),
-    fitting=st.booleans(),
-    slots=assignments,
-    lost=st.lists(counts, max_size=6).map(tuple),
+    slots=st.lists(st.tuples(counts, claims), max_size=6).map(tuple)
+    | st.dictionaries(st.integers(0, 4), small_claims).map(lambda told: tuple(told.items())),
+    members=st.lists(st.tuples(counts, st.builds(MemberRegister, counts, counts, counts)), max_size=6).map(
+        tuple
+    )
+    | st.dictionaries(st.sampled_from(MEMBERS), lives).map(lambda told: tuple(told.items())),
+    absent=st.lists(counts, max_size=6).map(tuple) | st.sets(st.sampled_from(MEMBERS)).map(tuple),
     order=st.none() | orders,
+    ordered_by=st.none() | claims | small_claims,
     read=st.lists(readings, max_size=6).map(tuple),
     position=vectors,
     velocity=vectors,
     mean=numbers,
 )
 def test_no_well_formed_message_ends_an_agent(
-    epoch: int,
-    author: int,
-    lineage: tuple[tuple[int, int], ...],
-    fitting: bool,
-    slots: tuple[tuple[int, int], ...],
-    lost: tuple[int, ...],
+    slots: tuple[tuple[int, SlotRegister], ...],
+    members: tuple[tuple[int, MemberRegister], ...],
+    absent: tuple[int, ...],
     order: Order | None,
+    ordered_by: SlotRegister | None,
     read: tuple[Reading, ...],
     position: tuple[float, float, float],
     velocity: tuple[float, float, float],
@@ -309,9 +337,10 @@ def test_no_well_formed_message_ends_an_agent(
     frame = flyer.frame.identity
     flyer.step(1.0, Inputs(peers=(message(topics.COMMAND, "ground", COMMAND),)))
     flyer._swarm.begin(1.0, "c1", (0.0, 0.0, -10.0))  # as if its autopilot had been there to accept the start
-    if fitting:
-        epoch, author = len(lineage), lineage[-1][1] if lineage else 0
-    tree = TreeState(2, 1, frame, epoch, author, slots, lost, order, read, 0, "c1", lineage)
+    table = TableState(2, 1, 1, frame, "c1", slots, members, absent, order, ordered_by)
+    reported = ReadingsState(
+        2, 1, 1, frame, "c1", order.sequence if order else 0, read, absent, to_anybody=True
+    )
     state = replace(
         STATE,
         frame=frame,
@@ -323,13 +352,14 @@ def test_no_well_formed_message_ends_an_agent(
     )
     traffic = Traffic("ground", frame, (TrafficVehicle(3, position, velocity, mean),))
     peers = (
-        message(topics.TREE, "2", tree),
+        message(topics.TABLE, "2", table),
+        message(topics.READINGS, "2", reported),
         message(topics.STATE, "2", state),
         message(topics.TRAFFIC, "ground", traffic),
     )
     for tick in range(12):
         flyer.step(2.0 + tick, Inputs(peers=peers))
-    flyer._swarm._tree.message()
+    flyer._swarm._table.message()
     for neighbour in flyer._swarm._peers.neighbours(14.0):
         assert all(map(math.isfinite, (*neighbour.position_ned_m, *neighbour.velocity_ned_mps)))
 

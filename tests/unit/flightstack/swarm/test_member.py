@@ -16,12 +16,13 @@ from flightstack.swarm.wire import (
     GroundBeat,
     Phase,
     Severity,
+    TableState,
     Traffic,
     TrafficVehicle,
-    TreeState,
 )
 from mission.geometry.formation import make_layout
 from mission.strategies.contract import Decision, Hold, Order, Stage
+from mission.tree.slot_registers import configured
 
 FRAME = 77
 ANCHOR = (0.0, 0.0, -10.0)
@@ -42,14 +43,23 @@ class Ears:
 
     def __init__(self, drone: int = 1) -> None:
         self.member = SwarmMember(
-            drone, (1, 2, 3), LAYOUT, frame_identity=FRAME, incarnation=5, lost_after_s=3.0, tick_s=0.1
+            drone,
+            (1, 2, 3),
+            LAYOUT,
+            frame_identity=FRAME,
+            incarnation=5,
+            suspect_after_s=0.8,
+            lost_after_s=3.0,
+            tick_s=0.1,
         )
         self.now_s = 10.0
         self.sequence = 0
+        self.phase = Phase.SEARCHING
 
     def hear(self, *contents: tuple[object, str], decision: Decision | None = None) -> SwarmView:
         self.now_s += 0.1
-        return self.member.step(self.now_s, [sent(*content) for content in contents], decision, ANCHOR)
+        received = [sent(*content) for content in contents]
+        return self.member.step(self.now_s, received, self.phase, decision, ANCHOR)
 
     def states(self, *drones: int, phase: Phase = Phase.SEARCHING) -> list[tuple[object, str]]:
         self.sequence += 1
@@ -89,10 +99,9 @@ def test_an_order_tells_where_the_own_slot_is() -> None:
     ears.hear()
     ears.member.begin(ears.now_s, "survey", ANCHOR)
     order = Order(3, Stage.SEARCH, (50.0, 20.0, -10.0), 0.0)
-    slots = ((1, 0), (2, 1), (3, 2))
-    view = ears.hear(
-        *ears.states(1), (TreeState(1, 1, FRAME, 0, 0, slots, (), order, (), 0, "survey", ()), "1")
-    )
+    claims = tuple(configured((1, 2, 3)).items())
+    table = TableState(1, 1, 1, FRAME, "survey", claims, (), (), order, claims[0][1])
+    view = ears.hear(*ears.states(1), (table, "1"))
     north_m, east_m = LAYOUT.offset_m(1)
     assert view.order == order
     assert view.slot_ned_m == pytest.approx((50.0 + north_m, 20.0 + east_m, -10.0))
@@ -115,7 +124,7 @@ def test_a_lost_peer_is_healed_around_and_told_of(ears: Ears) -> None:
         news += view.news
     assert [(note.code, note.text) for note in news] == [
         ("lost", "drone 3 lost to the swarm"),
-        ("heal", "epoch 1: 1 in 0, 2 in 1"),
+        ("heal", "slots: 1 in 0, 2 in 1"),
     ]
     assert view.place.slots == {1: 0, 2: 1}
     assert not view.moved, "the root keeps its slot"

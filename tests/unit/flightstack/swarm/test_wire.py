@@ -16,14 +16,17 @@ from flightstack.swarm.wire import (
     CommandOutcome,
     DroneState,
     Event,
+    MemberRegister,
     Phase,
+    ReadingsState,
     Result,
     Severity,
-    TreeState,
+    TableState,
     WireError,
 )
 from mission.estimation.estimates import Reading, Scalar, Wind
 from mission.strategies.contract import Order, Stage
+from mission.tree.slot_registers import SlotRegister
 
 number = st.floats(allow_nan=False)
 ids = st.integers(1, 250)
@@ -55,21 +58,34 @@ states = st.builds(
     notes=st.lists(st.text(max_size=30), max_size=3).map(tuple),
     position_age_s=number,
 )
-trees = st.builds(
-    TreeState,
+claims = st.builds(SlotRegister, ids, st.integers(-1, 255), ids)
+tables = st.builds(
+    TableState,
     sender=ids,
     incarnation=st.integers(0, 2**31 - 1),
+    sequence=st.integers(0, 2**31 - 1),
     frame=st.integers(0, 2**32 - 1),
-    epoch=st.integers(0, 2**31),
-    author=ids,
-    slots=st.lists(st.tuples(ids, ids), max_size=5).map(tuple),
-    lost=st.lists(ids, max_size=3).map(tuple),
+    survey=st.text(max_size=10),
+    slots=st.lists(st.tuples(ids, claims), max_size=4).map(tuple),
+    members=st.lists(st.tuples(ids, st.builds(MemberRegister, ids, ids, ids)), max_size=4).map(tuple),
+    absent=st.lists(ids, max_size=3).map(tuple),
     order=st.none()
     | st.builds(Order, st.integers(0, 9), st.sampled_from(Stage), vectors, number, st.none() | vectors),
-    readings=st.lists(st.builds(Reading, ids, ids, vectors, number, number), max_size=3).map(tuple),
+    ordered_by=st.none() | claims,
     heals=st.integers(0, 99),
+    digest=st.integers(0, 2**32 - 1),
+)
+reports = st.builds(
+    ReadingsState,
+    sender=ids,
+    incarnation=st.integers(0, 2**31 - 1),
+    sequence=st.integers(0, 2**31 - 1),
+    frame=st.integers(0, 2**32 - 1),
     survey=st.text(max_size=10),
-    lineage=st.lists(st.tuples(ids, ids), max_size=3).map(tuple),
+    order=st.integers(0, 2**31 - 1),
+    readings=st.lists(st.builds(Reading, ids, ids, vectors, number, number), max_size=3).map(tuple),
+    held=st.lists(ids, max_size=3).map(tuple),
+    to_anybody=st.booleans(),
 )
 commands = st.builds(Command, st.text(max_size=20), st.text(max_size=9), ids, st.sampled_from(CommandName))
 outcomes = st.builds(CommandOutcome, st.text(max_size=20), ids, st.sampled_from(Result), st.text(max_size=40))
@@ -77,7 +93,7 @@ events = st.builds(Event, ids, ids, st.sampled_from(Severity), st.text(max_size=
 
 
 @settings(max_examples=100, deadline=None)
-@given(st.one_of(states, trees, commands, outcomes, events))
+@given(st.one_of(states, tables, reports, commands, outcomes, events))
 def test_every_message_survives_the_codec(message):
     codec = Codec(type(message))
     assert codec.decode(codec.encode(message)) == message
@@ -151,7 +167,7 @@ def test_a_message_of_another_kind_is_never_taken_for_this_one():
 
 
 @settings(max_examples=30, deadline=None)
-@given(st.one_of(states, trees, commands, outcomes, events))
+@given(st.one_of(states, tables, commands, outcomes, events))
 def test_a_message_is_read_on_its_own_topic_and_on_no_other(message):
     (own,) = (topic for topic in TOPICS.values() if topic.codec.kind is type(message))
     data = own.codec.encode(message)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import datetime
 import itertools
-import json
 import time
 from collections.abc import Callable, Iterator
 
@@ -14,7 +13,10 @@ import zenoh
 from flightstack.config import SwarmConfig, TlsConfig
 from flightstack.swarm.topics import COMMAND, EVENT, STATE, TOPICS
 from flightstack.transport.access_rules import access_problems, access_rules, common_name, name_clashes
-from flightstack.transport.zenoh_transport import ZenohTransport, _configuration
+from flightstack.transport.zenoh_options import peer_options, router_options
+from flightstack.transport.zenoh_router import ZenohRouter
+from flightstack.transport.zenoh_session import configured
+from flightstack.transport.zenoh_transport import ZenohTransport
 from gcs.keys.authority import new_authority, sign
 from simvehicle.survey.ports import free_port
 
@@ -29,7 +31,7 @@ def fleet(tmp_path_factory) -> Callable[[str], TlsConfig]:
     authority = new_authority("s", NOW)
     (directory / "authority.pem").write_bytes(authority.certificate)
 
-    def of(name: str) -> TlsConfig:
+    def of(name: str, routers: tuple[str, ...] = ()) -> TlsConfig:
         pair = sign(authority, name, NOW, datetime.timedelta(days=1))
         (directory / f"{name}.pem").write_bytes(pair.certificate)
         (directory / f"{name}.key").write_bytes(pair.private_key)
@@ -37,6 +39,7 @@ def fleet(tmp_path_factory) -> Callable[[str], TlsConfig]:
             authority=str(directory / "authority.pem"),
             certificate=str(directory / f"{name}.pem"),
             private_key=str(directory / f"{name}.key"),
+            routers=routers,
         )
 
     return of
@@ -44,19 +47,17 @@ def fleet(tmp_path_factory) -> Callable[[str], TlsConfig]:
 
 def session(tls: TlsConfig, listen=(), connect=(), rules=None, **options) -> zenoh.Session:
     """A session of somebody's own software: with a member's certificate, and only the rules that it likes."""
-    config = zenoh.Config()
-    chosen = _configuration(listen, connect, tls) | options
+    chosen = peer_options(listen, connect, tls) | options
     if rules is not None:
         chosen["access_control"] = rules
-    for path, value in chosen.items():
-        config.insert_json5(path, json.dumps(value))
-    return zenoh.open(config)
+    return zenoh.open(configured(chosen))
 
 
 class Swarm:
-    """Two drones and an operator's command, and what each has heard."""
+    """Two drones and an operator's command, and what each has heard; drone 1 at a site of its own if a router joins
+    the sites."""
 
-    def __init__(self, fleet, connect: Callable[[list[str], int], list[str]]) -> None:
+    def __init__(self, fleet, connect: Callable[[list[str], int], list[str]], *routers: str) -> None:
         self.endpoints = [f"tls/127.0.0.1:{free_port()}" for _ in range(3)]
         names = ((1, "drone-1"), (2, "drone-2"), ("ground-survey-1a", "ground"))
         receives = (STATE, EVENT, COMMAND)
@@ -67,8 +68,9 @@ class Swarm:
                 (endpoint,),
                 connect(self.endpoints, index),
                 receives,
-                fleet(name),
+                fleet(name, routers),
                 MEMBERS,
+                ("valley" if index else "rim") if routers else None,
             )
             for index, ((node, name), endpoint) in enumerate(zip(names, self.endpoints, strict=True))
         ]
@@ -115,15 +117,29 @@ def until(condition: Callable[[], object], limit_s: float = 40.0) -> None:
         time.sleep(0.02)
 
 
-@pytest.fixture(params=["mesh", "member as router"])
+@pytest.fixture(params=["mesh", "router", "member as router"])
 def swarm_and_liar(request, fleet) -> Iterator[tuple[Swarm, zenoh.Session]]:
     """A swarm, and a session with drone 1's certificate that says what it likes."""
     opened = []
     try:
-        swarm = Swarm(fleet, lambda endpoints, index: endpoints)
-        opened.append(swarm)
-        mode = "router" if request.param == "member as router" else "peer"
-        liar = session(fleet("drone-1"), (), swarm.endpoints, mode=mode)
+        if request.param == "router":
+            place = f"tls/127.0.0.1:{free_port()}"
+            opened.append(
+                ZenohRouter(
+                    configured(router_options((place,), ("rim", "valley"), "s", MEMBERS, fleet("router")))
+                )
+            )
+            # Both sites: the liar is heard by nobody at its own site, which has drone 1 alone.
+            swarm = Swarm(
+                fleet, lambda endpoints, index: [place, *(endpoints[1:] if index else ())], "router"
+            )
+            opened.append(swarm)
+            liar = session(fleet("drone-1", ("router",)), (), (place,), region_name="rim")
+        else:
+            swarm = Swarm(fleet, lambda endpoints, index: endpoints)
+            opened.append(swarm)
+            mode = "router" if request.param == "member as router" else "peer"
+            liar = session(fleet("drone-1"), (), swarm.endpoints, mode=mode)
         opened.append(liar)
         yield swarm, liar
     finally:
@@ -212,9 +228,28 @@ def test_names_by_which_one_could_speak_for_another_are_refused(stations, router
     (problem,) = name_clashes(stations, routers)
     assert problem.startswith(text)
     tls = TlsConfig(authority="a", certificate="c", private_key="k", stations=stations, routers=routers)
-    assert access_problems(SwarmConfig(name="s", members=(1,), tls=tls)) == [("swarm.tls", problem)]
+    site = "rim" if routers else None
+    assert access_problems(SwarmConfig(name="s", members=(1,), tls=tls, site=site)) == [
+        ("swarm.tls", problem)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("site", "routers", "field", "text"),
+    [
+        (None, ("relay",), "swarm.tls", "say at which this node is: swarm.site"),
+        ("rim", (), "swarm.site", "name the router in swarm.tls.routers"),
+    ],
+)
+def test_a_router_and_a_site_go_together(site, routers, field, text):
+    tls = TlsConfig(authority="a", certificate="c", private_key="k", routers=routers)
+    ((where, problem),) = access_problems(SwarmConfig(name="s", members=(1,), tls=tls, site=site))
+    assert where == field
+    assert text in problem
 
 
 def test_names_that_are_good():
+    tls = TlsConfig(authority="a", certificate="c", private_key="k", routers=("relay",))
+    assert access_problems(SwarmConfig(name="s", members=(1,), tls=tls, site="rim")) == []
     assert name_clashes(("ground", "base"), ("router",)) == []
     assert access_problems(SwarmConfig(name="s", members=(1,))) == []

@@ -169,10 +169,10 @@ def test_a_little_below_the_background_is_nothing(frame, state, on_air):
     assert "-0" not in text
 
 
-def test_a_drone_that_only_we_do_not_hear_is_told_with_the_reason(frame, state, tree, on_air):
+def test_a_drone_that_only_we_do_not_hear_is_told_with_the_reason(frame, state, table, on_air):
     """The station and drone 1 hear drone 2; this node was given too few endpoints."""
     observer = observer_of(frame)
-    messages = [state(1), tree(1, (1, 2)), GroundReport("ground", frame.identity, (), ())]
+    messages = [state(1), table(1, (1, 2)), GroundReport("ground", frame.identity, (), ())]
     observer.step(1.0, [on_air(message) for message in messages])
     (alarm,) = observer.snapshot(1.0).alarms
     assert (alarm.drone, alarm.code) == (2, "absent")

@@ -243,7 +243,7 @@ def test_a_command_that_a_live_drone_does_not_answer(fleet, on_air):
 def test_unreadable_messages(fleet):
     swarm, monitor = fleet(), Monitor(AlarmLimits())
     swarm.tick(1.0)
-    swarm.view.receive_peer(1.0, Received(topics.TREE, "9", b"\x01\xff"))
+    swarm.view.receive_peer(1.0, Received(topics.TABLE, "9", b"\x01\xff"))
     run(monitor, swarm, 1.0, 2.0)
     assert "wire" in codes(monitor)[9]
 

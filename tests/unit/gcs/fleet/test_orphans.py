@@ -194,18 +194,18 @@ def test_a_companion_heard_over_mavlink_tells_that_the_agent_lives(swarm, keeper
         assert keeper.step(now_s, swarm.tick(now_s)) == []
 
 
-def test_surveying_drones_that_count_it_in_tell_that_the_agent_lives(swarm, keeper, tree):
-    swarm.trees = {1: tree(1, (1, 2, 3)), 3: tree(3, (1, 2, 3))}
+def test_surveying_drones_that_count_it_in_tell_that_the_agent_lives(swarm, keeper, table):
+    swarm.tables = {1: table(1, (1, 2, 3)), 3: table(3, (1, 2, 3))}
     run(keeper, swarm, 0.0, 10.0)
     del swarm.talking[2]
     assert run(keeper, swarm, 10.1, 30.0) == []
-    swarm.trees = {1: tree(1, (1, 3), epoch=2), 3: tree(3, (1, 3), epoch=2)}
+    swarm.tables = {1: table(1, (1, 3), epoch=2), 3: table(3, (1, 3), epoch=2)}
     requests = run(keeper, swarm, 30.1, 32.0)
     assert requests, "once the swarm has healed round it, it is an orphan"
 
 
-def test_drones_on_their_way_home_do_not_testify(swarm, keeper, tree):
-    swarm.trees = {1: tree(1, (1, 2, 3)), 3: tree(3, (1, 2, 3))}
+def test_drones_on_their_way_home_do_not_testify(swarm, keeper, table):
+    swarm.tables = {1: table(1, (1, 2, 3)), 3: table(3, (1, 2, 3))}
     run(keeper, swarm, 0.0, 10.0)
     del swarm.talking[2]
     for drone in (1, 3):

@@ -18,6 +18,7 @@ from flightstack.swarm.wire import (
 )
 from gcs.fleet.view import FleetView
 from mission.estimation.estimates import Scalar, Wind
+from mission.tree.slot_registers import SlotRegister
 
 
 def test_rows_show_what_the_agent_says(frame, state, on_air):
@@ -94,21 +95,25 @@ def test_unreadable_messages_are_counted_with_their_reason(frame, state, on_air)
     ("changes", "sender", "told"),
     [
         ({}, "2", "a message of drone 1 came under the name 2"),
-        ({"slots": ((1, 0), (9, 1))}, "1", "its slots are not those of this swarm"),
+        (
+            {"slots": ((0, SlotRegister(0, 1)), (9, SlotRegister(0, 2)))},
+            "1",
+            "its slots are not those of this swarm",
+        ),
         ({"frame": 9}, "1", None),
         ({"sender": 9}, "9", None),
     ],
     ids=["another name", "implausible", "foreign frame", "stranger"],
 )
-def test_a_tree_that_the_drones_refuse_is_not_believed_here_either(
-    frame, tree, on_air, changes, sender, told
+def test_a_table_that_the_drones_refuse_is_not_believed_here_either(
+    frame, table, on_air, changes, sender, told
 ):
     view = FleetView((1, 2, 3), frame, 0.0)
-    assert view.receive_peer(1.0, on_air(tree(1, (1, 2, 3), **changes), sender=sender)) is None
-    assert all(agent.tree is None for agent in view.agents.values())
+    assert view.receive_peer(1.0, on_air(table(1, (1, 2, 3), **changes), sender=sender)) is None
+    assert all(agent.table is None for agent in view.agents.values())
     assert (view.garbled[sender].text if view.garbled else None) == told
-    assert view.receive_peer(2.0, on_air(tree(1, (1, 2, 3)))) is not None
-    assert view.agents[1].tree is not None
+    assert view.receive_peer(2.0, on_air(table(1, (1, 2, 3)))) is not None
+    assert view.agents[1].table is not None
 
 
 def test_a_drone_of_another_swarm_is_shown_as_one(frame, state, on_air):

@@ -6,9 +6,11 @@ import datetime
 import json
 import pathlib
 import stat
+from typing import Any
 
 import pytest
 import yaml
+import zenoh
 from typer.testing import CliRunner
 
 import flightstack.config_file
@@ -122,6 +124,117 @@ def test_a_drone_more(made):
         fleet("add", made, "--drones", "8", "--first-address", "192.168.2.14")
     fleet("add", made, "--station", "base=192.168.2.2")
     assert gcs.station_config.load(written(made, "ground.yaml", "base", station="base")).station == "base"
+
+
+def section(made: pathlib.Path, name: str) -> dict[str, Any]:
+    return yaml.safe_load((made / name / "swarm.yaml").read_text())["swarm"]
+
+
+@pytest.fixture
+def sites(tmp_path) -> pathlib.Path:
+    """Two drones at one site, one and a station at another that has the same addresses."""
+    made = tmp_path / "sites"
+    first = "--swarm crater --drones 1,2 --first-address 192.168.2.11 --site rim --router relay=203.0.113.7"
+    fleet("init", made, *first.split())
+    second = "--drones 3 --first-address 192.168.2.11 --station ground=192.168.2.1 --site valley"
+    text = fleet("add", made, *second.split(), "--router", "relay=10.0.0.7")
+    changed = made / "relay" / "zenohd.json5"
+    assert f"{changed}: changed; copy it to relay and start the router again" in text
+    return made
+
+
+def test_sites_have_the_router_first_and_their_own_nodes_alone(sites):
+    routers = {"rim": "tls/203.0.113.7:7448", "valley": "tls/10.0.0.7:7448"}
+    own = {
+        "rim": ["tls/192.168.2.11:7447", "tls/192.168.2.12:7447"],
+        "valley": ["tls/192.168.2.1:7447", "tls/192.168.2.11:7447"],
+    }
+    for name, site in (("drone-1", "rim"), ("drone-2", "rim"), ("drone-3", "valley"), ("ground", "valley")):
+        facts = section(sites, name)
+        assert facts["site"] == site
+        assert facts["connect"] == [routers[site], *own[site]]
+        assert facts["listen"][0] in own[site]
+        assert facts["members"] == [1, 2, 3]
+        assert facts["tls"]["routers"] == ["relay"]
+        assert facts["tls"]["stations"] == ["ground"]
+    config = flightstack.config_file.load(written(sites, "drone.yaml", "drone-3", drone=3))
+    assert config.swarm.site == "valley"
+    station = gcs.station_config.load(written(sites, "ground.yaml", "ground"))
+    assert station.swarm.site == "valley"
+
+
+def test_the_routers_bundle_is_a_router_that_believes_the_fleet(sites):
+    bundle = sites / "relay"
+    assert sorted(p.name for p in bundle.iterdir()) == [
+        *("authority.pem", "relay.key", "relay.pem", "zenohd.json5")
+    ]
+    config = zenoh.Config.from_file(str(bundle / "zenohd.json5"))
+    assert json.loads(config.get_json("mode")) == "router"
+    assert json.loads(config.get_json("listen/endpoints")) == ["tls/[::]:7448"]
+    subjects = json.loads(config.get_json("access_control/subjects"))
+    assert {subject["id"] for subject in subjects} == {"drone-1", "drone-2", "drone-3", "ground"}
+    regions = json.loads(config.get_json("gateway"))["south"]
+    assert [site["filters"][0]["region_names"] for site in regions] == [["rim"], ["valley"]]
+    tls = json.loads(config.get_json("transport/link/tls"))
+    assert (tls["listen_certificate"], tls["listen_private_key"]) == ("relay.pem", "relay.key")
+    assert tls["enable_mtls"]
+
+
+def test_a_fleet_gets_a_router_by_hand(made):
+    file = made / "fleet.yaml"
+    document = yaml.safe_load(file.read_text())
+    document |= {
+        "router": "relay",
+        "sites": {
+            "rim": {"router": "10.0.0.7", "nodes": ["drone-1", "drone-2", "drone-3"]},
+            "valley": {"router": "10.0.0.7", "nodes": ["drone-7", "ground"]},
+        },
+    }
+    file.write_text(yaml.safe_dump(document))
+    keys = {name: data for name, data in contents(made).items() if name.endswith(".key")}
+    fleet("renew", made)
+    after = contents(made)
+    assert all(after[name] == data for name, data in keys.items())
+    assert "relay/relay.key" in after
+    assert section(made, "drone-7")["connect"][0] == "tls/10.0.0.7:7448"
+    document["sites"]["rim"]["nodes"].append("drone-7")
+    file.write_text(yaml.safe_dump(document))
+    with pytest.raises(GroundError, match="drone-7 is at 2 sites"):
+        fleet("renew", made)
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (
+            "--drones 4 --first-address 192.168.2.14",
+            "drone-4 is at 0 sites; with a router every node is at one",
+        ),
+        ("--drones 4 --first-address 192.168.2.12 --site rim", "drone-2 and drone-4 have the same address"),
+        (
+            "--station x=10.0.0.1 --site rim --router other=10.0.0.7",
+            "--router other: this fleet's router is relay",
+        ),
+        ("--station x=10.0.0.1 --site rim --router relay=a/b", "the router of site rim: 'a/b' is no address"),
+        ("--station x=10.0.0.1 --site a/b", "--site 'a/b': use letters"),
+        ("--station x=10.0.0.1 --site rim --router relay", "--router relay: write NAME=ADDRESS"),
+        ("--station relay=10.0.0.1 --site rim", "'relay' stands twice"),
+    ],
+)
+def test_what_is_wrong_with_a_site_is_one_line_and_changes_nothing(sites, words, text):
+    before = contents(sites)
+    with pytest.raises(GroundError) as caught:
+        fleet("add", sites, *words.split())
+    assert text in str(caught.value)
+    assert contents(sites) == before
+
+
+def test_a_site_needs_a_router(made, tmp_path):
+    with pytest.raises(GroundError, match="--site rim: this fleet has no router"):
+        fleet("add", made, "--drones", "4", "--first-address", "192.168.2.14", "--site", "rim")
+    with pytest.raises(GroundError, match="give both or neither"):
+        fleet("init", tmp_path / "f", *INIT.split(), "--site", "rim")
+    assert not (tmp_path / "f").exists()
 
 
 def test_renewing_changes_certificates_alone(made):

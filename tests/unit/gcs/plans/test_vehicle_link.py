@@ -84,3 +84,13 @@ def test_why_no_vehicle_is_found(neighbours, monkeypatch, kinds, words):
     with pytest.raises(VehicleError) as caught:
         asyncio.run(find_vehicle([link], 1, 255))
     assert words in str(caught.value)
+
+
+def test_a_vehicle_that_signs_is_told_of_where_there_is_no_key(autopilot, caplog):
+    vehicle = autopilot(1)
+    vehicle.mav.signing.secret_key = bytes(range(32))
+    vehicle.mav.signing.sign_outgoing = True
+    found = asyncio.run(find_vehicle([ScriptedLink(vehicle.heartbeat())], 1, 255))
+    assert found.drone == 1
+    (record,) = caplog.records
+    assert "drone 1 signs, and may obey nobody without its key" in record.getMessage()

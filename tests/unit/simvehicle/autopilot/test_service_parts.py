@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from simvehicle.autopilot.announcer import Announcer
 from simvehicle.autopilot.channel import Channel, ChannelPeer
 from simvehicle.autopilot.commands import ACCEPTED, DENIED, CommandAnswer, CommandServer, ReceivedCommand
+from simvehicle.autopilot.link_signing import LinkSigning
 from simvehicle.autopilot.message_router import MessageRouter
 from simvehicle.autopilot.message_streams import MessageStreams, StreamStyle
 from simvehicle.autopilot.parameters import Parameters, ParameterServer, ParameterStyle
@@ -23,7 +24,7 @@ class Ends:
     """Two links of an autopilot, and what came out of each."""
 
     def __init__(self) -> None:
-        self.channels = [Channel(link, SYSTEM) for link in (0, 1)]
+        self.channels = [Channel(link, SYSTEM, LinkSigning(None, ())) for link in (0, 1)]
         self._parsers = [mavlink.MAVLink(None) for _ in self.channels]
         self._codec = mavlink.MAVLink(None, srcSystem=PEER.system, srcComponent=PEER.component)
 
@@ -318,7 +319,7 @@ def test_data_streams_switch_their_groups() -> None:
 def test_sticks_are_taken_from_those_who_may_fly() -> None:
     moved: list[list[int]] = []
     inputs = PilotInputs(lambda system: system == 255, moved.append).handlers()
-    channel = Channel(0, SYSTEM)
+    channel = Channel(0, SYSTEM, LinkSigning(None, ()))
     manual = mavlink.MAVLink_manual_control_message(SYSTEM, 1000, -1000, 500, 500, 0)
     override = mavlink.MAVLink_rc_channels_override_message(SYSTEM, 1, *range(1101, 1109))
     for sender in (ChannelPeer(0, 9, 1), PEER):

@@ -6,7 +6,7 @@ import typing
 
 import pytest
 
-from simvehicle.faults.fault_table import FAULTS, FaultKind, FaultSpec
+from simvehicle.faults.fault_table import FAULTS, FaultKind, FaultSpec, Unheard
 from simvehicle.faults.schedule import FaultSchedule
 
 
@@ -18,6 +18,18 @@ class Noted:
 
     def set_plugged(self, instrument: str, plugged: bool) -> None:
         self.done.append((instrument, plugged))
+
+    def set_stuck(self, instrument: str, stuck: bool) -> None:
+        self.done.append((f"{instrument} stuck", stuck))
+
+    def set_lying(self, instrument: str, by_ppm: float) -> None:
+        self.done.append((f"{instrument} lies", by_ppm))
+
+    def set_gps_error(self, north_m: float) -> None:
+        self.done.append(("gps error", north_m))
+
+    def set_heard(self, what: Unheard, heard: bool) -> None:
+        self.done.append((what, heard))
 
     def set_gps(self, working: bool) -> None:
         self.done.append(("gps", working))
@@ -39,6 +51,10 @@ class Noted:
     ("kind", "begins", "ends"),
     [
         ("unplug", ("co2", False), [("co2", True)]),
+        ("stuck", ("co2 stuck", True), [("co2 stuck", False)]),
+        ("lying", ("co2 lies", 500.0), [("co2 lies", 0.0)]),
+        ("gps_jump", ("gps error", 10.0), [("gps error", 0.0)]),
+        ("failsafe", ("remote_control", False), [("remote_control", True)]),
         ("gps_loss", ("gps", False), [("gps", True)]),
         ("motor", ("motors", False), [("motors", True)]),
         ("tumble", ("turned over", True), []),
@@ -50,7 +66,8 @@ def test_what_a_fault_does_it_undoes_where_that_can_be(
     kind: FaultKind, begins: tuple[str, object], ends: list[tuple[str, object]]
 ) -> None:
     victim = Noted()
-    schedule = FaultSchedule([FaultSpec(drone=1, at_s=2.0, until_s=5.0, kind=kind, instrument="co2")])
+    fault = FaultSpec(drone=1, at_s=2.0, until_s=5.0, kind=kind, instrument="co2", unheard="remote_control")
+    schedule = FaultSchedule([fault])
     schedule.strike(1.99, {1: victim})
     assert not victim.done
     schedule.strike(2.0, {1: victim})
@@ -65,7 +82,8 @@ def test_what_a_fault_does_it_undoes_where_that_can_be(
 def test_every_kind_that_a_file_may_name_is_in_the_table() -> None:
     victims = {1: Noted()}
     for kind in typing.get_args(FaultKind):
-        FaultSchedule([FaultSpec(drone=1, at_s=0.0, kind=kind)]).strike(0.0, victims)
+        fault = FaultSpec(drone=1, at_s=0.0, kind=kind, unheard="ground_link")
+        FaultSchedule([fault]).strike(0.0, victims)
     assert len(victims[1].done) == len(FAULTS)
 
 

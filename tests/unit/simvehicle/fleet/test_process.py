@@ -233,3 +233,14 @@ def test_instruments_speak_until_they_are_unplugged_and_again_afterwards() -> No
             assert b"M " in talk(client)
     finally:
         flown.fleet.close()
+
+
+def test_keys_and_usb_ports_that_are_none(tmp_path: pathlib.Path) -> None:
+    link = f"udpin:127.0.0.1:{free_port(socket.SOCK_DGRAM)}"
+    unkeyed = VehicleSpec(id=1, links=(link,), signing_key=str(tmp_path / "absent"))
+    error = refused(config(vehicles=(unkeyed,)))
+    assert error.field == "vehicles[0].signing_key"
+    assert "No such file" in error.problem
+    assert refused(config(vehicles=(VehicleSpec(id=1, links=(link,), usb_links=(1,)),))).field == (
+        "vehicles[0].usb_links"
+    )

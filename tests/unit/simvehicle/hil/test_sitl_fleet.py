@@ -76,6 +76,11 @@ def test_its_parameters_carry_our_wind_and_what_the_survey_sets() -> None:
             "px4",
         ),
         (
+            {"vehicles": (VehicleSpec(id=1, links=("udpout:x:1",), signing_key="mavlink.key"),)},
+            "vehicles[0].signing_key",
+            "gcs signing setup",
+        ),
+        (
             {"faults": (FaultSpec(drone=3, at_s=1.0, kind="motor"),)},
             "faults[0].kind",
             "battery_low, gps_loss",

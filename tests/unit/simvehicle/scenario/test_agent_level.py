@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pathlib
+import re
 
 import msgspec
 import pytest
@@ -16,6 +17,7 @@ from simvehicle.faults.fault_table import SwarmFaultSpec
 from simvehicle.faults.schedule import SwarmFaultSchedule
 from simvehicle.scenario.afflicted_swarm import AfflictedSwarm
 from simvehicle.scenario.agent_level import AgentFlight, fly_scenario
+from simvehicle.scenario.own_matters import astray, kept_up
 from simvehicle.scenario.scenario_file import parse_scenario
 from simvehicle.scenario.swarm import GROUND, Scenario
 from simvehicle.survey.draft import draft, in_process
@@ -78,7 +80,70 @@ def test_without_a_ground_station_nobody_is_brought_home() -> None:
 def test_a_flight_that_does_not_end_in_time_is_a_violation() -> None:
     result = flown(ends="1.0")
     assert [violation.kind for violation in result.violations] == ["ends"]
-    assert result.transcript[-1].endswith("not everybody is on the ground with motors off")
+    assert result.transcript[-1].endswith(
+        "drones 1 2 3: not on the ground with motors off 1 s after the last fault"
+    )
+
+
+@pytest.mark.parametrize("flavour", ["ardupilot", "px4"])
+def test_a_vehicle_that_its_pilot_keeps_is_the_pilots_matter(flavour: str) -> None:
+    result = flown("kind: pilot, drone: 2, at_s: 21.0", flavour=flavour)
+    assert result.violations == ()
+    assert result.transcript[-2].endswith("2           still in the air: a pilot has it")
+
+
+def test_a_pilot_has_a_vehicle_until_its_agent_obeys_a_command() -> None:
+    result = flown("kind: pilot, drone: 2, at_s: 10.0")  # everybody is told to come home afterwards
+    assert result.violations == ()
+    assert not any("still in the air" in line for line in result.transcript)
+
+
+@pytest.mark.parametrize("flavour", ["ardupilot", "px4"])
+def test_a_failsafe_by_name_brings_its_vehicle_home_and_is_told(flavour: str) -> None:
+    fault = "{kind: failsafe, unheard: remote_control, drone: 2, at_s: 12.0, until_s: 13.0}"
+    text = SHORT.replace("FLAVOUR", flavour) + f"faults: [{fault}]\n"
+    transcript = "\n".join(fly_scenario(parse_scenario(text, "short")).transcript)
+    assert "12 s  2           fault failsafe remote_control" in transcript
+    assert re.search(r"1[278] s  2           rtl\n", transcript)
+    assert re.search(r"s  [1 ]*2[ 3]* +landed\n", transcript)
+    assert re.search(r"s  2           failsafe: rtl: failsafe of the autopilot", transcript)
+
+
+def test_who_waits_for_an_operator_or_for_a_ground_station_is_not_judged_by_the_end() -> None:
+    text = SHORT.replace("FLAVOUR", "ardupilot").replace("command: abort", "command: pause")
+    text += "  - {kind: ground_gone, at_s: 22.0}\n  - {kind: kill, drone: 3, at_s: 24.0}\n"
+    result = fly_scenario(parse_scenario(text, "short"))
+    assert result.violations == ()
+    assert [line.split(maxsplit=2)[2] for line in result.transcript[-3:-1]] == [
+        "1 2         still in the air: the operator has paused the swarm",
+        "3           still in the air: it has no agent, and no ground station brings it home",
+    ]
+
+
+def test_a_vehicle_that_does_not_know_where_it_is_is_not_judged_by_where_it_is() -> None:
+    scenario = parse_scenario(SHORT.replace("FLAVOUR", "ardupilot"), "short")
+    flying = AgentFlight(scenario)
+    flight = flying.flight
+    swarm = AfflictedSwarm(flight)
+    flight.run(1.0)
+    member = flight.members[2]
+    assert not astray(member)
+    member.vehicle.set_gps(False)
+    flight.run(60.0)
+    assert astray(member)
+    member.vehicle.set_gps(True)
+    flight.run(3.0)
+    assert not astray(member)
+    assert kept_up(flight, swarm, ground_brings_home=True) == {}
+
+
+def test_an_error_in_an_agent_is_a_violation(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object) -> None:
+        raise ValueError("a defect on purpose")
+
+    monkeypatch.setattr("flightstack.flight.guard.Guard.apply", broken)
+    result = flown()
+    assert [(v.kind, v.text) for v in result.violations] == [("error", "ValueError: a defect on purpose")]
 
 
 def test_drones_too_near_each_other_are_a_violation_told_once() -> None:
@@ -186,8 +251,9 @@ def test_a_clock_that_jumps_and_a_pilot() -> None:
     )
     assert flight.members[1].clock_ahead_s == 4.0
     assert flight.members[2].vehicle.mode == "LOITER"
-    swarm.command("start", 0)
-    assert swarm.pilots == {}
+    assert swarm.pilot_flies(2)
+    flight.members[2].vehicle.switch_mode(9)  # LAND
+    assert not swarm.pilot_flies(2)
 
 
 def test_the_command_prints_writes_and_says_by_its_code(tmp_path: pathlib.Path) -> None:

@@ -100,8 +100,8 @@ def flight(survey: Survey, end_s: float = 420.0) -> tuple[dict[int, VehicleTrack
     if end_s > 350.0:
         orders.append(OrderMark(350.0, Order(99, Stage.FOUND, SOURCE, 0.0, (31.0, -83.5, -10.0))))
     trees = (
-        TreeMark(-3.0, 0, 1, {d.id: i for i, d in enumerate(survey.drones)}),
-        TreeMark(KILL_S + 5.0, 1, 1, {1: 0, 2: 1, 4: 3, 5: 2}),
+        TreeMark(-3.0, {d.id: i for i, d in enumerate(survey.drones)}),
+        TreeMark(KILL_S + 5.0, {1: 0, 2: 1, 4: 3, 5: 2}),
     )
     events = (
         EventMark(KILL_S, 3, Severity.WARNING, "kill", "agent killed on purpose (kill -9)"),

@@ -8,9 +8,10 @@ import msgspec
 import pytest
 
 from flightstack.swarm import topics, wire
-from flightstack.swarm.wire import CommandName, DroneState, Phase, Result, TreeState
+from flightstack.swarm.wire import CommandName, DroneState, Phase, Result, TableState
 from mission.estimation.estimates import Scalar
 from mission.strategies.contract import Order, Stage
+from mission.tree.slot_registers import configured
 from simvehicle.fleet.truth import TruthRow
 from simvehicle.survey.agent_faults import Freeze, Kill
 from simvehicle.survey.processes import Ended
@@ -71,8 +72,9 @@ class SupervisedSwarm:
         order = Order(
             sequence, stage, (0.0, 0.0, -10.0), 0.0, (1.0, 2.0, -10.0) if stage is Stage.FOUND else None
         )
-        tree = TreeState(1, 1, 7, 0, 1, ((1, 0), (2, 1), (3, 2)), (), order, (), 0)
-        self.watch.hear(self.now_s, topics.TREE, topics.TREE.codec.encode(tree))
+        claims = tuple(configured((1, 2, 3)).items())
+        table = TableState(1, 1, 1, 7, "survey", claims, (), (), order, claims[0][1])
+        self.watch.hear(self.now_s, topics.TABLE, topics.TABLE.codec.encode(table))
 
     def world(self, airborne: Iterable[int] = (), drones: Iterable[int] = (1, 2, 3)) -> None:
         flying = set(airborne)

@@ -119,7 +119,7 @@ def test_a_file_that_is_not_text(tmp_path: pathlib.Path) -> None:
         ("launch_line:", "drones: [{id: 1}]\nlaunch_line:", ["drones", "one of them"]),
         ("type: gaussian", "type: gausian", ["plume.type: ", "'gausian'; write gaussian or locus-grid"]),
         ("flavour: ardupilot", "flavour: px5", ["launch_line.flavour: ", "'px5'; write ardupilot or px4"]),
-        ("seed: 1", "seed: 1\nfaults: [{kind: fire}]", ["faults[0].kind: ", "battery_low or gps_loss or motor or"]),
+        ("seed: 1", "seed: 1\nfaults: [{kind: fire}]", ["faults[0].kind: ", "battery_low or failsafe or gps_jump"]),
         ("gust_time_s: 5.0", "gust_time_s: 0.001", ["wind.gust_time_s", ">= 0.1"]),
         ("vent_sd_m: 4.0", "vent_sd_m: 0.1", ["plume.vent_sd_m", "more than pure CO2"]),
         ("source_above_home_m: 10.0", "source_above_home_m: -1.0", ["plume.source_above_home_m"]),
@@ -199,9 +199,27 @@ def test_faults_from_the_command_line() -> None:
     loss = parse_fault("gps-loss:3@60-75.5")
     assert (loss.kind, loss.drone, loss.at_s, loss.until_s) == ("gps_loss", 3, 60.0, 75.5)
     assert parse_fault("battery-low:1@5").kind == "battery_low"
+    assert parse_fault("gps-jump:1@5-9").kind == "gps_jump"
+    stuck = parse_fault("wind_2-stuck:4@1")
+    assert (stuck.kind, stuck.instrument) == ("stuck", "wind_2")
+    failsafe = parse_fault("remote-control-failsafe:3@60")
+    assert (failsafe.kind, failsafe.unheard, failsafe.instrument) == ("failsafe", "remote_control", "")
 
 
-@pytest.mark.parametrize("text", ["", "unplug:2@90", "co2-motor:2@90", "motor:2", "motor:x@1", "fire:1@1"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "unplug:2@90",
+        "co2-motor:2@90",
+        "failsafe:2@90",
+        "co2-failsafe:2@9",
+        "co2-gps-loss:2@9",
+        "motor:2",
+        "motor:x@1",
+        "fire:1@1",
+    ],
+)
 def test_faults_that_mean_nothing(text: str) -> None:
     with pytest.raises(DocumentError, match="--fault"):
         parse_fault(text)
@@ -212,6 +230,7 @@ def test_faults_that_mean_nothing(text: str) -> None:
     [
         ("motor:9@1", r"there is no drone 9, but \[1, 2, 3, 4, 5\]"),
         ("wind-unplug:2@1", "no instrument called 'wind', but \\['co2'\\]"),
+        ("wind-lying:2@1", "no instrument called 'wind', but \\['co2'\\]"),
         ("gps-loss:3@75-60", "it breaks at 75 s, so it cannot mend at 60 s"),
     ],
 )

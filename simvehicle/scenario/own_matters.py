@@ -1,0 +1,47 @@
+"""What no swarm can help: vehicles that others than it keep in the air, and vehicles that do not know where they are.
+
+They are left out of what must hold, and the transcript tells of those that are in the air at the end.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from flightstack.flight.guard import SEPARATION_MARGIN_M
+from flightstack.swarm.wire import TAKING_PART, Phase
+from simvehicle.scenario.afflicted_swarm import AfflictedSwarm
+from simvehicle.scenario.swarm import Member, Scenario
+
+ASTRAY_M: Final = SEPARATION_MARGIN_M
+"""A vehicle whose autopilot is wrong about its place by more than the room that is kept for such errors keeps neither
+apart nor inside a fence."""
+
+
+def astray(member: Member) -> bool:
+    return member.vehicle.position_error_m > ASTRAY_M
+
+
+def kept_up(flight: Scenario, swarm: AfflictedSwarm, *, ground_brings_home: bool) -> dict[int, str]:
+    """Drones that may stay in the air as things are now, with the reason.
+
+    Who pauses a swarm keeps all of it up: those who did not hear it wait for those who did. Nobody but the operator
+    makes a drone hold.
+    """
+    paused = any(member.runs and _phase(member) is Phase.HOLDING for member in flight.members.values())
+    home = ground_brings_home and swarm.ground_here
+    reasons: dict[int, str] = {}
+    for drone, member in flight.members.items():
+        if swarm.pilot_flies(drone):
+            reasons[drone] = "a pilot has it"
+        elif member.vehicle.silent:
+            reasons[drone] = "nobody reaches its autopilot"
+        elif not member.runs:
+            if not home:
+                reasons[drone] = "it has no agent, and no ground station brings it home"
+        elif paused and _phase(member) in TAKING_PART:
+            reasons[drone] = "the operator has paused the swarm"
+    return reasons
+
+
+def _phase(member: Member) -> Phase:
+    return member.agent.phase.phase

@@ -1,0 +1,38 @@
+"""The table is told where digests differ, and seldom where they do not."""
+
+from __future__ import annotations
+
+from flightstack.swarm.exchange import DIGEST_S, PERIOD_S, REFRESH_S, Exchange
+from flightstack.swarm.peers import PeerFacts
+
+TICK_S = 0.1
+
+
+def said(digest: int) -> PeerFacts:
+    return PeerFacts(0.0, True, False, None, 1, digest)
+
+
+def tellings(exchange: Exchange, digests: list[int], peers: dict[int, PeerFacts]) -> list[int]:
+    """The ticks in which the table is told."""
+    return [tick for tick, own in enumerate(digests) if exchange.is_due(tick * TICK_S, own, peers)]
+
+
+def test_at_rest_it_is_said_once_and_then_seldom() -> None:
+    ticks = tellings(Exchange(TICK_S), [7] * 101, {2: said(7)})
+    assert ticks == [0, 50, 100]
+    assert REFRESH_S == 50 * TICK_S
+
+
+def test_where_somebody_knows_another_one_it_is_said_at_the_full_rate_while_that_one_is_heard() -> None:
+    ticks = tellings(Exchange(TICK_S), [7] * 40, {2: said(8), 3: said(7)})
+    assert ticks == list(range(0, round(DIGEST_S / TICK_S), round(PERIOD_S / TICK_S)))
+
+
+def test_what_is_new_is_said_at_once_and_a_change_a_tick_does_not_flood() -> None:
+    assert tellings(Exchange(TICK_S), [7] * 10 + [8] * 10, {}) == [0, 10]
+    assert tellings(Exchange(TICK_S), list(range(10)), {}) == [0, 2, 4, 6, 8]
+
+
+def test_news_do_not_wait_after_a_repetition() -> None:
+    """A claim follows a suspicion that was told twice."""
+    assert tellings(Exchange(TICK_S), [7, 7, 7, 8, 8, 8, 8], {2: said(9)}) == [0, 2, 3, 5]
