@@ -324,7 +324,7 @@ class Agent:
             stuck=self._homecoming.stuck,
             must_return=self._leaving.step(now_s, leaving) or end.leaves,
             overdue=end.lands,
-            parted=swarm.part is Part.SMALLER,
+            parted=swarm.part is Part.SMALLER and not end.leaves,
             flies_on=swarm.flies_on,
             has_twin=swarm.has_twin,
         )
