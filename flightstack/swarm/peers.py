@@ -49,7 +49,7 @@ class PeerFacts(msgspec.Struct, frozen=True):
     """When its newest state came."""
     taking_part: bool
     moving: bool
-    """It is on its way to a slot that a heal gave it."""
+    """It is on its way to a slot, and the swarm holds for it."""
     position_ned_m: Vector3 | None
     incarnation: int = 0
     """Of the agent that speaks for it: another one has been started anew."""
