@@ -328,7 +328,7 @@ class Agent:
             stuck=self._homecoming.stuck,
             must_return=self._leaving.step(now_s, leaving) or end.leaves,
             overdue=end.lands,
-            parted=swarm.part is Part.SMALLER,
+            parted=swarm.part is Part.SMALLER and not end.leaves,
             handed_over=swarm.handed_over,
             in_haste=self._leaving.in_haste(vehicle.battery_fraction),
             flies_on=swarm.flies_on,
