@@ -45,6 +45,7 @@ from mission.strategies.contract import (
     Intent,
     Observation,
     OwnState,
+    Stage,
     Strategy,
     TreePlace,
 )
@@ -199,7 +200,7 @@ class Agent:
             vehicle,
             sensed,
             place,
-            slot.transferring,
+            self._is_awaited(phase.phase, swarm, slot),
             self._best_ppm,
             guarded.held_by if guarded else (),
             self._ticks + inputs.late_ticks,  # that were due, whether they were held or missed
@@ -219,6 +220,13 @@ class Agent:
             comes_second=self._swarm.comes_second(self._ticks),
         )
         return Outputs(self._session.step(now_s), sensed.to_ports, told.messages, told.events, status)
+
+    def _is_awaited(self, phase: Phase, swarm: SwarmView, slot: SlotStep) -> bool:
+        """Whether the swarm holds for this drone: it flies to a slot in a formation that is on its way."""
+        joins = phase is Phase.FORMING and swarm.place.slot >= 0
+        return slot.transferring or (
+            joins and swarm.order is not None and swarm.order.stage is not Stage.FORM
+        )
 
     def _storage_notes(self, storage: str) -> list[Note]:
         """What is new about the recording."""

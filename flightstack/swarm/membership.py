@@ -27,15 +27,20 @@ from typing import Final, TypeAlias
 import msgspec
 
 from flightstack.swarm.peers import PeerFacts
+from flightstack.swarm.reception import Reception
 from flightstack.swarm.wire import MemberRegister
 from mission.tree.slot_registers import STRIDE
 
 SETTLE_S: Final = 0.3
-"""How long a suspicion must stand unrefuted: word and answer take a tick of 0.1 s each, and one to spare."""
+"""How long a suspicion must stand unrefuted: word and answer take a tick of 0.1 s each, and one to spare. Where much
+is lost it is longer, as the silence is that makes one suspected (`flightstack.swarm.reception`)."""
 
 OBJECTION_S: Final = 2.0
-"""How long a drone that has itself heard the suspected one of late waits for its refutation: who only speaks and
-hears nobody cannot be a member, but a radio that loses a third needs more than one try."""
+"""How long a drone waits for the refutation that has itself heard the suspected one of late, or knows that others do:
+who only speaks and hears nobody cannot be a member, but a radio that loses a third needs more than one try."""
+
+MOST_IN_VAIN: Final = 3
+"""A drone that does not hear another one, which refutes all the same, doubles its patience with it so often."""
 
 HEARD_S: Final = 2.0
 """A member heard within this time supports what this drone claims."""
@@ -93,6 +98,7 @@ class Membership:
         """`takes_part` False: this drone comes late and has left until it says `rejoin`."""
         self._drone = drone
         self._members = tuple(members)
+        self._others = frozenset(members) - {drone}
         self._suspect_after_s = suspect_after_s
         self._began_s = now_s
         self._takes_part = takes_part
@@ -108,7 +114,13 @@ class Membership:
         self._incarnations: dict[int, int] = {}
         self._lost: dict[int, int] = {}
         """By drone: the life in which it was lost."""
+        self._reception = Reception()
+        self._vain: dict[int, int] = {}
+        """By drone: how often it has refuted a suspicion of this drone's, which did not hear it: others do."""
+        self._accused: dict[int, int] = {}
+        """By drone: the life in which this drone has missed it."""
         self._support: deque[tuple[float, int]] = deque()
+        """When how many were heard, of late: what a later time has not undercut, so that the first is the least."""
         self._present = frozenset(self._members)
         self._present_is_stale = True
         self._digest: int | None = None
@@ -140,7 +152,7 @@ class Membership:
     @property
     def support(self) -> int:
         """How many members this drone has steadily heard, itself counted."""
-        return min((count for _, count in self._support), default=1)
+        return self._support[0][1] if self._support else 1
 
     def standing(self, drone: int) -> Standing:
         register = self._registers.get(drone, UNDOUBTED)
@@ -176,10 +188,20 @@ class Membership:
     def step(self, now_s: float, peers: Mapping[int, PeerFacts], watched: Collection[int]) -> tuple[int, ...]:
         """Look for who is missed among `watched`, and who has left among all that are heard; give who is lost since
         the step before, by ascending id."""
-        self._note_support(now_s, peers)
-        for drone in self._members:
-            if drone != self._drone and drone in peers:
-                self._look_at(now_s, drone, peers[drone])
+        self._reception.look(peers)
+        heard = 1
+        for drone, peer in peers.items():
+            if drone not in self._others:
+                continue
+            silence_s = now_s - peer.heard_s
+            if peer.taking_part:
+                heard += silence_s < HEARD_S
+            if silence_s < self._suspect_after_s:
+                self._look_at(now_s, drone, peer)
+                if drone in self._accused or drone in self._vain:
+                    self._accused.pop(drone, None)
+                    self._vain.pop(drone, None)
+        self._note_support(now_s, heard)
         self._watch(now_s, peers, {*watched} - {self._drone})
         return self._count_out(now_s, peers)
 
@@ -206,15 +228,16 @@ class Membership:
         return MemberRegister(life, min(told.suspected, life), min(told.left, life))
 
     def _look_at(self, now_s: float, drone: int, peer: PeerFacts) -> None:
-        """By what a member says of itself: that it takes part, or that it does not, or that it has been restarted and
-        knows nothing of the survey any more."""
-        fresh = now_s - peer.heard_s < self._suspect_after_s
-        restarted = self._incarnations.setdefault(drone, peer.incarnation) != peer.incarnation
+        """By what a member has just said of itself: that it takes part, or that it does not, or that it has been
+        restarted and knows nothing of the survey any more."""
+        restarted = self._incarnations.get(drone, peer.incarnation) != peer.incarnation
         self._incarnations[drone] = peer.incarnation
-        if peer.taking_part and fresh:
+        if peer.taking_part:
             self._joined.add(drone)
-        absent = not peer.taking_part and (drone in self._joined or now_s - self._began_s > JOIN_S)
-        if fresh and (restarted or absent) and self.standing(drone) is not Standing.LEFT:
+            absent = False
+        else:
+            absent = drone in self._joined or now_s - self._began_s > JOIN_S
+        if (restarted or absent) and self.standing(drone) is not Standing.LEFT:
             register = self._registers.get(drone, UNDOUBTED)
             self._write(drone, msgspec.structs.replace(register, left=register.life))
 
@@ -224,12 +247,17 @@ class Membership:
             heard_s = peers[drone].heard_s if drone in peers else self._began_s
             self._missed_since_s[drone] = max(self._missed_since_s[drone], heard_s)
             may_be_late = drone not in self._joined and now_s - self._began_s < JOIN_S
+            register = self._registers.get(drone, UNDOUBTED)
+            if self._accused.get(drone, register.life) < register.life:
+                self._accused.pop(drone)
+                self._vain[drone] = min(self._vain.get(drone, 0) + 1, MOST_IN_VAIN)
+            patience_s = self._suspect_after_s * self._reception.patience * 2 ** self._vain.get(drone, 0)
             silence_s = now_s - self._missed_since_s[drone]
-            if silence_s <= self._suspect_after_s or may_be_late:
+            if silence_s <= patience_s or may_be_late:
                 continue
             if self.standing(drone) is Standing.ALIVE:
-                register = self._registers.get(drone, UNDOUBTED)
                 self._write(drone, msgspec.structs.replace(register, suspected=register.life))
+                self._accused[drone] = register.life
                 # Its next life, if it comes, is a word of its own: it is missed anew from then on.
                 self._missed_since_s[drone] = now_s
 
@@ -246,20 +274,22 @@ class Membership:
         }
         before = self._lost
         self._lost = {}
+        patience = self._reception.patience
         for drone, (life, at_s) in self._suspected_since_s.items():
-            is_heard = drone in peers and now_s - peers[drone].heard_s <= self._suspect_after_s
-            if now_s - at_s >= (OBJECTION_S if is_heard else SETTLE_S) - _INSTANT_S:
+            is_heard = drone in peers and now_s - peers[drone].heard_s <= self._suspect_after_s * patience
+            waits = is_heard or drone in self._vain
+            if now_s - at_s >= (OBJECTION_S if waits else SETTLE_S * patience) - _INSTANT_S:
                 self._lost[drone] = life
         if self._lost != before:
             self._present_is_stale = True
         return tuple(sorted(drone for drone, life in self._lost.items() if before.get(drone) != life))
 
-    def _note_support(self, now_s: float, peers: Mapping[int, PeerFacts]) -> None:
-        heard = sum(
-            now_s - peers[drone].heard_s < HEARD_S and peers[drone].taking_part
-            for drone in self._members
-            if drone in peers and drone != self._drone
-        )
-        self._support.append((now_s, 1 + heard))
-        while now_s - self._support[0][0] > STEADY_SUPPORT_S:
-            self._support.popleft()
+    def _note_support(self, now_s: float, heard: int) -> None:
+        support = self._support
+        if support and now_s - support[-1][0] > self._suspect_after_s:
+            heard = 1  # this program stood still, and cannot tell who heard it meanwhile
+        while support and support[-1][1] >= heard:
+            support.pop()
+        support.append((now_s, heard))
+        while now_s - support[0][0] > STEADY_SUPPORT_S:
+            support.popleft()

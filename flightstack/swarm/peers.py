@@ -49,7 +49,7 @@ class PeerFacts(msgspec.Struct, frozen=True):
     """When its newest state came."""
     taking_part: bool
     moving: bool
-    """It is on its way to a slot that a heal gave it."""
+    """It is on its way to a slot, and the swarm holds for it."""
     position_ned_m: Vector3 | None
     incarnation: int = 0
     """Of the agent that speaks for it: another one has been started anew."""
@@ -75,6 +75,7 @@ class Peers:
         self.peers: dict[int, Peer] = {}
         self.ground_heard_s: float | None = None
         self._drone = drone
+        self._facts: dict[int, PeerFacts] = {}
         self._incarnations: dict[int, Incarnations] = {}
         self._traffic: dict[int, tuple[TrafficVehicle, float]] = {}
 
@@ -87,6 +88,7 @@ class Peers:
                 known = peer is not None and peer.facts.table_digest != NO_TABLE
                 if peer is not None and known and message.incarnation == peer.facts.incarnation:
                     peer.facts = msgspec.structs.replace(peer.facts, table_digest=message.digest)
+                    self._facts[message.sender] = peer.facts
             case Traffic():
                 for vehicle in message.vehicles:
                     if vehicle.drone != self._drone:
@@ -100,7 +102,8 @@ class Peers:
         return known is None or known.speaks(incarnation)
 
     def facts(self) -> Mapping[int, PeerFacts]:
-        return {drone: peer.facts for drone, peer in self.peers.items()}
+        """What is known now; it changes with what is heard."""
+        return self._facts
 
     def part(self, now_s: float, lost_after_s: float) -> Part:
         """What this drone belongs to: the whole swarm, or a part of one that has just come apart."""
@@ -159,6 +162,7 @@ class Peers:
             state.incarnation,
             state.table_digest if state.airborne or state.phase in TAKING_PART else NO_TABLE,
         )
+        self._facts[state.sender] = facts
         before = self.peers.get(state.sender)
         since_s = math.inf
         if facts.taking_part and state.airborne:

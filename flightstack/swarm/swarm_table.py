@@ -101,7 +101,11 @@ class SwarmTable:
         self._calm = TableCalm()
         self._family: Place | None = None
         self._awaited_since_s: dict[int, float] = {}
-        self._passed_over: set[int] = set()
+        self._is_whole = False
+        self._nothing_for: tuple[Registers, frozenset[int], tuple[frozenset[int], int, int | None]] | None = (
+            None
+        )
+        """What this drone knew when there was nothing for it to claim."""
         self._looked_at: tuple[Registers, frozenset[int]] | None = None
         self._watched_in: tuple[Mapping[int, int], frozenset[int]] | None = None
         self._watched: frozenset[int] = frozenset()
@@ -208,11 +212,8 @@ class SwarmTable:
                 self._relay.hear(now_s, told_readings, self.slots)
         if decision is not None and decision.reading is not None and self.member:
             self._relay.note(now_s, decision.reading)
-        moving = any(
-            peer.moving and drone in self.slots and now_s - peer.heard_s < POSITION_S
-            for drone, peer in peers.items()
-        )
-        self._calm.look(now_s, somebody_moves=moving)
+        moving = [drone for drone, peer in peers.items() if peer.moving and now_s - peer.heard_s < POSITION_S]
+        self._calm.look(now_s, somebody_moves=any(drone in self.slots for drone in moving))
         now_in = self.slots.get(self._drone)
         return TreeNews(
             lost=lost,
@@ -298,9 +299,14 @@ class SwarmTable:
     def _merge(self, told: TableState) -> None:
         if told.survey != self.survey:
             return
-        self._membership.merge(dict(told.members))
-        slots = {slot: register for slot, register in told.slots if 0 <= slot < len(self._table)}
-        self.registers = merge(self.registers, within_stride(self.registers, slots))
+        lives = self._membership.registers
+        members = {drone: register for drone, register in told.members if lives.get(drone) != register}
+        if members:
+            self._membership.merge(members)
+        ours, size = self.registers, len(self._members)
+        slots = {s: register for s, register in told.slots if ours.get(s) != register and 0 <= s < size}
+        if slots:
+            self.registers = merge(ours, within_stride(ours, slots))
         if told.order is not None and told.ordered_by is not None:
             self._orders.offer(told.order, told.ordered_by, self._root_claim)
 
@@ -321,39 +327,46 @@ class SwarmTable:
         slots = assignment(self.registers, self._membership.present)
         if slots != self.slots:
             self.slots = slots
+            self._is_whole = not problems(slots, self._layout)
             self._calm.change(now_s)
             self._family = None
         self._calm.settle(is_settled(self.registers, self._membership.present, self._table))
+        if self._calm.is_settled:
+            self._awaited_since_s = {}
 
     def _claim(self, now_s: float) -> None:
         present = self._membership.present
-        is_whole = not problems(self.slots, self._layout)
-        if self._drone in present and is_whole and not self._calm.is_unchanged(now_s):
+        if self._drone in present and self._is_whole and not self._calm.is_unchanged(now_s):
             return
-        self._pass_over(now_s, present)
-        claimed = own_claims(
-            self.registers,
-            present - self._passed_over,
-            self._table,
-            self._drone,
-            self._membership.support,
-            self._held,
-        )
+        passed, support = self._passed_over(now_s, present), self._membership.support
+        known = passed, support, self._held
+        if self._nothing_for is not None:
+            registers, others, rest = self._nothing_for
+            if registers is self.registers and others is present and rest == known:
+                return
+        claimed = own_claims(self.registers, present - passed, self._table, self._drone, support, self._held)
         if claimed:
             self.registers = merge(self.registers, claimed)
             self._look(now_s)
+        else:
+            self._nothing_for = self.registers, present, known
         self._held = self.slots.get(self._drone, self._held)
 
-    def _pass_over(self, now_s: float, present: frozenset[int]) -> None:
-        """Count as not there, for this drone's own claims, who lets a hole be that it is the heir of: it is heard, so
-        it is not lost, but something in it does not work."""
-        if self._calm.is_settled:
-            self._passed_over = set()
-            self._awaited_since_s = {}
-            return
-        awaited = awaited_heirs(self.registers, present - self._passed_over, self._table) - {self._drone}
-        self._awaited_since_s = {drone: self._awaited_since_s.get(drone, now_s) for drone in awaited}
-        self._passed_over |= {d for d, since_s in self._awaited_since_s.items() if now_s - since_s > CLAIM_S}
+    def _passed_over(self, now_s: float, present: frozenset[int]) -> frozenset[int]:
+        """Who counts as not there, for this drone's own claims: who lets a hole be that it is the heir of, then
+        whoever is the heir without it, and so on. It is heard, so it is not lost, but something in it does not
+        work."""
+        passed: frozenset[int] = frozenset()
+        since_s: dict[int, float] = {}
+        while not self._calm.is_settled:
+            awaited = awaited_heirs(self.registers, present - passed, self._table) - {self._drone}
+            since_s.update({drone: self._awaited_since_s.get(drone, now_s) for drone in awaited})
+            overdue = {drone for drone in awaited if now_s - since_s[drone] > CLAIM_S}
+            if not overdue:
+                break
+            passed |= overdue
+        self._awaited_since_s = since_s
+        return passed
 
     def _count_heals(self, now_s: float) -> None:
         if not self.member or self.is_over:

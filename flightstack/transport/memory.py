@@ -146,7 +146,10 @@ class MemoryTransport:
             self._reliable.append(item)
             return
         source = (message.topic.name, message.sender)
-        self._newest.setdefault(source, collections.deque(maxlen=KEPT_PER_SENDER)).append(item)
+        kept = self._newest.get(source)
+        if kept is None:
+            kept = self._newest[source] = collections.deque(maxlen=KEPT_PER_SENDER)
+        kept.append(item)
 
     def wants(self, topic: Topic) -> bool:
         return topic.name in self._receives

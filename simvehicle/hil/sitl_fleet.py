@@ -29,6 +29,7 @@ from simvehicle.drone.drones import Drone, SimulatedDrones
 from simvehicle.fleet.fleet_clock import FleetClock
 from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.fleet.fleet_problems import FleetError, problems
+from simvehicle.fleet.process import open_places, tell_places
 from simvehicle.fleet.truth import TruthWriter
 from simvehicle.fleet.wires import Wires
 from simvehicle.hil.arducopter_command import command_line, parameter_text
@@ -73,10 +74,8 @@ def check(fleet: FleetConfig) -> None:
         if spec.flavour != "ardupilot":
             raise FleetError(f"vehicles[{index}].flavour", f"an ArduCopter is no {spec.flavour}")
         if spec.signing_key is not None:
-            raise FleetError(
-                f"vehicles[{index}].signing_key",
-                "a real autopilot is given its key by gcs signing setup, and keeps it itself",
-            )
+            kept = "a real autopilot is given its key by gcs signing setup, and keeps it itself"
+            raise FleetError(f"vehicles[{index}].signing_key", kept)
     for index, fault in enumerate(fleet.faults):
         if fault.kind not in REACHABLE:
             raise FleetError(
@@ -179,6 +178,9 @@ def fly(program: ArducopterProgram, config: FleetConfig, truth: pathlib.Path) ->
             else ClockCells.make(own.with_name("unheard"), 0)
         )
         open_ends.callback(told.close)
+        places = open_places(config)
+        if places is not None:
+            open_ends.callback(places.close)
         clock = FleetClock(config.speedup, times)
         fleet = SitlFleet(config, make_world(config))
         open_ends.callback(fleet.close)
@@ -189,6 +191,8 @@ def fly(program: ArducopterProgram, config: FleetConfig, truth: pathlib.Path) ->
             for slot, time_s in enumerate(fleet.times_s, 1):
                 times.values[slot] = time_s
             writer.step(now_s, fleet.drones)
+            if places is not None:
+                tell_places(places, fleet.drones)
             told.values[0] = now_s
             for ended in processes.ended():
                 return str(ended)

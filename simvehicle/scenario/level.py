@@ -25,6 +25,10 @@ class Level(Protocol):
         """`DocumentError` for what is no scenario."""
         ...
 
+    def run_text(self, text: str, file: str) -> ScenarioResult:
+        """The same from the text of a file, which stands in the errors."""
+        ...
+
 
 class AgentLevel:
     """Whole agents with simulated autopilots of both flavours."""
@@ -33,7 +37,10 @@ class AgentLevel:
         return draw(seed)
 
     def run(self, document: Document) -> ScenarioResult:
-        return fly_scenario(parse_scenario(text_of(document), "drawn scenario"))
+        return self.run_text(text_of(document), "drawn scenario")
+
+    def run_text(self, text: str, file: str) -> ScenarioResult:
+        return fly_scenario(parse_scenario(text, file))
 
 
 LEVELS: Final[dict[str, Callable[[], Level]]] = {"agent": AgentLevel, "protocol": ProtocolLevel}

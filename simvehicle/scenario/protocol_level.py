@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import itertools
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Final
 
 import msgspec
 from msgspec import Meta
 
 from flightstack.config import Section
+from flightstack.swarm.wire import Phase
 from flightstack.transport.radio_model import RadioModel
 from mission.documents.yaml_file import DocumentError, line_of, parse
 from simvehicle.faults.fault_table import SwarmFaultSpec
@@ -25,7 +26,7 @@ from simvehicle.scenario.scenario_result import ScenarioResult
 from simvehicle.scenario.table_invariants import AGREED_WITHIN_S, TableInvariants, words
 from simvehicle.scenario.transcript import Transcript
 
-WATCHED_S: Final = 5.0
+WATCHED_S: Final = 4.0
 """How long the swarm is watched after it must have agreed."""
 
 
@@ -68,7 +69,8 @@ def fly_protocol(scenario: ProtocolScenario) -> ScenarioResult:
     faults = SwarmFaultSchedule(scenario.swarm_faults)
     invariants = TableInvariants(swarm)
     transcript = Transcript()
-    told: dict[int, Any] = {}
+    told: dict[int, Mapping[int, int]] = {}
+    phases: dict[int, Phase] = {}
     said: set[str] = set()
     ends_s = scenario.last_fault_s + AGREED_WITHIN_S + WATCHED_S
     while swarm.now_s < ends_s:
@@ -77,8 +79,10 @@ def fly_protocol(scenario: ProtocolScenario) -> ScenarioResult:
             transcript.fault(begins, fault)
         swarm.step()
         for number, member in swarm.members.items():
-            transcript.phase(number, member.drone.phase)
-            slots = member.drone.table.slots
+            slots, phase = member.drone.table.slots, member.drone.phase
+            if phases.get(number) is not phase:
+                phases[number] = phase
+                transcript.phase(number, phase)
             if told.get(number) is not slots:
                 told[number] = slots
                 if (text := words(slots)) not in said:
@@ -105,6 +109,9 @@ class ProtocolLevel:
             raise DocumentError("drawn scenario", problem, field=place)
         return fly_protocol(scenario)
 
+    def run_text(self, text: str, file: str) -> ScenarioResult:
+        return fly_protocol(parse_protocol_scenario(text, file))
+
 
 def _problems(scenario: ProtocolScenario) -> list[tuple[str, str]]:
     """(field, what is wrong with it)."""
@@ -118,8 +125,9 @@ def _problems(scenario: ProtocolScenario) -> list[tuple[str, str]]:
 
 _FEWEST, _MOST = 5, 20
 _FAULTS: Final = (1, 2, 2, 3, 3, 4, 5, 6)
-_LAST_BEGINS_S: Final = 15.0
-_LONGEST_FAULT_S: Final = 12.0
+_FIRST_BEGINS_S: Final = 1.0
+_LAST_BEGINS_S: Final = 12.0
+_LONGEST_FAULT_S: Final = 10.0
 
 
 class _Draw:
@@ -149,7 +157,7 @@ class _Draw:
         }
 
     def _fault(self, kind: str) -> list[dict[str, Any]]:
-        at_s = round(self._random.uniform(0.0, _LAST_BEGINS_S), 1)
+        at_s = round(self._random.uniform(_FIRST_BEGINS_S, _LAST_BEGINS_S), 1)
         drawn = _KINDS[kind](self)
         for fault in drawn:
             fault["at_s"] = at_s

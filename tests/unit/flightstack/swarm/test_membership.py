@@ -263,3 +263,37 @@ def test_all_know_the_same_in_the_end_whatever_was_said(
                 knows.merge(other.registers)
     assert len({knows.digest for knows in everybody.values()}) == 1
     assert all(knows.present == set(MEMBERS) for knows in everybody.values())
+
+
+def test_who_stood_still_has_heard_nobody_steadily() -> None:
+    """It wakes with everybody's words in its ears, and must not displace who took its slot meanwhile."""
+    membership = Membership(1, (1, 2, 3), suspect_after_s=0.8)
+    for tick in range(100):
+        now_s = 0.1 * tick
+        membership.step(now_s, {d: PeerFacts(now_s, True, False, None) for d in (2, 3)}, ())
+    assert membership.support == 3
+    supports = []
+    for tick in range(60):
+        now_s = 30.0 + 0.1 * tick
+        membership.step(now_s, {d: PeerFacts(now_s, True, False, None) for d in (2, 3)}, ())
+        supports.append(membership.support)
+    assert supports[:50] == [1] * 50
+    assert supports[-1] == 3
+
+
+def test_one_whose_word_comes_by_others_only_is_doubted_ever_more_rarely_and_never_counted_out() -> None:
+    """Drone 4 does not hear drone 2, whose answers come by way of the others, late."""
+    ears, other = Ears(4), membership(2)
+    ears.run(2.0, (1, 2, 3))
+    lives: list[int] = []
+    for _ in range(60):
+        ears.run(SETTLE_S - TICK_S, (1, 3))
+        other.merge(ears.knows.registers)
+        ears.knows.merge(other.registers)
+        lives.append(other.registers[2].life if 2 in other.registers else 0)
+    assert ears.lost == []
+    assert lives[19] >= 2
+    assert lives[-1] - lives[-20] <= 1, "it is asked once in six seconds"
+    ears.run(2.0, (1, 2, 3))
+    ears.run(SUSPECT_S + SETTLE_S + 2.0 * TICK_S, (1, 3))
+    assert ears.lost == [2], "heard again it is missed as soon as any other"
