@@ -16,8 +16,9 @@ from flightstack.config import DroneConfig
 from flightstack.flight.facts import SwarmFacts, VehicleFacts
 from flightstack.flight.fence_conflict import fence_conflict
 from flightstack.flight.guard import Guard, Guarded, PositionTarget
-from flightstack.flight.guidance import over_the_top, underneath
+from flightstack.flight.guidance import heir_below_m, over_the_top, underneath
 from flightstack.flight.homecoming import Homecoming
+from flightstack.flight.layers import layers_of
 from flightstack.flight.leaving import Leaving, LeavingFacts
 from flightstack.flight.obedience import Obedience
 from flightstack.flight.phase import Ask, FlightPhase, PhaseStep
@@ -124,8 +125,8 @@ class Agent:
             tick_s=1.0 / config.tick_hz,
         )
         self._guard = Guard(config.limits, fence)
-        layer = config.swarm.members.index(config.drone) % config.formation.layers
-        self._layer_above_home_m = config.formation.above_home_m + config.formation.layer_gap_m * (layer + 1)
+        layers = layers_of(config.drone, config.swarm.members, config.formation, config.limits)
+        self._layer_above_home_m = layers.agent_above_home_m
         self._homecoming = Homecoming(config.limits, fence, -self._layer_above_home_m)
         self._leaving = Leaving(config.limits, fence, config.origin.amsl_m)
         self._slot = SlotTransfer(config.limits.separation_m)
@@ -333,6 +334,8 @@ class Agent:
             must_return=self._leaving.step(now_s, leaving) or end.leaves,
             overdue=end.lands,
             parted=swarm.part is Part.SMALLER,
+            handed_over=swarm.handed_over,
+            in_haste=self._leaving.in_haste(vehicle.battery_fraction),
             flies_on=swarm.flies_on,
             has_twin=swarm.has_twin,
         )
@@ -401,10 +404,9 @@ class Agent:
                 return Hold()
 
     def _lower_layer_down_m(self) -> float:
-        """Altitude (as down) of the heir's corridor: the separation and some room below the formation."""
+        """Altitude (as down) of the heir's corridor."""
         config = self.config
-        below_m = 1.25 * config.limits.separation_m + 1.0
-        return -max(config.formation.above_home_m - below_m, config.limits.floor_above_home_m)
+        return -(config.formation.above_home_m - heir_below_m(config.limits))
 
     def _steer(
         self, phase: PhaseStep, intent: Intent, vehicle: VehicleReport, swarm: SwarmView
@@ -418,6 +420,7 @@ class Agent:
             vehicle.velocity_ned_mps,
             vehicle.position_age_s,
             swarm.neighbours,
+            vehicle.home_ned_m,
         )
         if isinstance(guarded.setpoint, PositionTarget):
             self._session.target_position(guarded.setpoint.position_ned_m, None)

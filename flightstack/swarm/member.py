@@ -52,6 +52,8 @@ class SwarmView(msgspec.Struct, frozen=True):
     has_twin: bool
     """Another agent says, now, that it is this drone."""
     part: Part
+    handed_over: bool
+    """This drone has announced that it leaves, and its heir has claimed its slot."""
     flies_on: bool
     """Others that take part in a survey, in the air, have been heard for a while without a gap."""
     ground_heard_s: float | None
@@ -143,6 +145,7 @@ class SwarmMember:
             news.moved and not (table.order is not None and table.order.apart),
             now_s - self._twin_s <= TWINS_S,
             self._peers.part(now_s, self._lost_after_s),
+            table.has_handed_over(now_s),
             self._peers.flies_on(now_s),
             self._peers.ground_heard_s,
             tuple(refused),

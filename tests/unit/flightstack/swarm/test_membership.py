@@ -12,6 +12,7 @@ from flightstack.swarm.membership import (
     OBJECTION_S,
     SETTLE_S,
     STEADY_SUPPORT_S,
+    TOLD_SETTLE_S,
     MemberRegisters,
     Membership,
     Standing,
@@ -100,7 +101,7 @@ def test_a_suspicion_told_by_others_counts_after_the_settle_time_too() -> None:
     ears.run(1.0, (1, 2, 3))
     ears.run(SUSPECT_S, (1, 2))
     ears.knows.merge({3: MemberRegister(0, 0)})
-    ears.run(SETTLE_S, (1, 2))
+    ears.run(TOLD_SETTLE_S, (1, 2))
     assert ears.knows.standing(3) is Standing.SUSPECTED
     ears.run(TICK_S, (1, 2))
     assert ears.lost == [3]
