@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 
+import psutil
 import pytest
 import yaml
 
@@ -55,6 +56,9 @@ class Talker:
 
     def last(self, what: str) -> object:
         return self.said[-1][what] if self.said else None
+
+    def memory_bytes(self) -> int:
+        return psutil.Process(self._process.pid).memory_info().rss
 
     def tell(self, line: str) -> None:
         assert self._process.stdin is not None
@@ -149,6 +153,7 @@ def intruder(
     certificate: str | None,
     keys: list[str],
     period_s: float = 0.05,
+    size: int = 6,
 ) -> Talker:
     """A process that connects to everybody, with the certificate "FLEET/NAME" or with none."""
     orders = {
@@ -156,6 +161,7 @@ def intruder(
         "listens": f"flightstack/{SWARM}/**",
         "keys": [f"flightstack/{SWARM}/{key}" for key in keys],
         "period_s": period_s,
+        "bytes": size,
     }
     return start("intruder.py", json.dumps(orders))
 
@@ -231,6 +237,27 @@ def test_a_certificate_of_the_fleet_that_is_no_member_hears_and_says_nothing(fle
     assert attacker.ever_heard == set()
     assert all_well(swarm)
     assert {name for node in swarm for name in node.last("forged")} == set()
+
+
+def test_a_member_that_floods_in_its_own_name_takes_nothing_from_the_others(fleets, start, swarm):
+    """More than every ring holds, of what is reliable too: the others hear each other, without a gap."""
+    attacker = intruder(start, fleets, "own/drone-1", ["state/1", "event/1", "outcome/1"] * 300, 0.0, 20_000)
+    until(lambda: attacker.last("connected") == 3, "the attacker is connected to everybody")
+    long_enough(swarm, attacker)
+    before = [node.memory_bytes() for node in swarm]
+    lost = [missing(node) for node in swarm]
+    long_enough(swarm, attacker)
+    assert all_well(swarm)
+    assert {name for node in swarm for name in node.last("forged")} == {"1"}
+    assert [missing(node) for node in swarm] == lost
+    assert all(
+        node.memory_bytes() - start_bytes < 100e6 for node, start_bytes in zip(swarm, before, strict=True)
+    )
+
+
+def missing(node: Talker) -> dict[str, int]:
+    """Events that never came, of those whose names are not flooded."""
+    return {name: count for name, count in dict(node.last("missing")).items() if name != "1"}
 
 
 def test_a_flood_in_others_names_stops_nobody(fleets, start, swarm):
