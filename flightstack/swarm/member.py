@@ -88,7 +88,7 @@ class SwarmMember:
         self._layout = layout
         self._incarnation = incarnation
         self._lost_after_s = lost_after_s
-        self._admission = Admission(members, frame_identity, drone)
+        self._admission = Admission(members, frame_identity, drone, incarnation)
         self._peers = Peers(drone)
         self._table = SwarmTable(
             drone,
