@@ -16,7 +16,8 @@ from collections.abc import Sequence
 import msgspec
 
 from flightstack.config import LimitsConfig
-from flightstack.flight.guidance import whereabouts
+from flightstack.flight.columns import columns
+from flightstack.flight.guidance import CORRIDOR_M, horizontal_m, whereabouts
 from flightstack.swarm.peers import FRESH_S
 from mission.geometry.frames import Vector3
 from mission.geometry.geofence import LocalFence
@@ -79,8 +80,12 @@ class Guard:
         velocity_ned_mps: Vector3 | None,
         position_age_s: float | None,
         neighbours: Sequence[Neighbour],
+        home_ned_m: Vector3 | None = None,
     ) -> Guarded:
-        """The setpoint of this tick: always one, and a stop where it is not known what would be safe."""
+        """The setpoint of this tick: always one, and a stop where it is not known what would be safe.
+
+        `home_ned_m`: the drone's own; the way down to it stays free.
+        """
         limits = self._limits
         if position_ned_m is None or velocity_ned_mps is None or position_age_s is None:
             return self._stop("own position is not known")
@@ -108,7 +113,7 @@ class Guard:
                 speed_mps = min(speed_mps, intent.speed_mps)
             velocity = self._towards(position_ned_m, target, speed_mps)
         wanted_velocity = velocity
-        velocity = self._keep_apart(position_ned_m, velocity, neighbours, held_by)
+        velocity = self._keep_apart(position_ned_m, velocity, neighbours, home_ned_m, held_by)
         velocity = self._keep_band(position_ned_m, velocity, held_by)
         velocity = self._keep_inside(position_ned_m, velocity, held_by)
         velocity = self._capped(velocity, limits.speed_mps)
@@ -148,26 +153,31 @@ class Guard:
         return north_m * scale, east_m * scale, math.copysign(vertical_mps, down_m)
 
     def _keep_apart(
-        self, position: Vector3, velocity: Vector3, neighbours: Sequence[Neighbour], held_by: list[str]
+        self,
+        position: Vector3,
+        velocity: Vector3,
+        neighbours: Sequence[Neighbour],
+        home: Vector3 | None,
+        held_by: list[str],
     ) -> Vector3:
         """Limit how fast the drone closes in on each neighbour; step aside to the right where they would block."""
         limits = self._limits
         near: list[tuple[Vector3, float, float, int]] = []
-        reach_m = limits.separation_m + SEPARATION_MARGIN_M + AGEING_LIMIT_M + 4.0 * limits.speed_mps
+        least_m = limits.separation_m + SEPARATION_MARGIN_M
+        # There the others keep out of the way, and who is blocked there comes down where they do not.
+        over_home = home is not None and horizontal_m(position, home) < 2.0 * CORRIDOR_M
+        reach_m = least_m + AGEING_LIMIT_M + 4.0 * limits.speed_mps
+        for drone, place, room_m in columns(neighbours, position, home, least_m):
+            distance_m, towards = _direction(position, place, (1.0, 0.0, 0.0))
+            allowed_mps = braking_speed_mps(distance_m - room_m, limits.acceleration_mps2)
+            near.append((towards, allowed_mps, distance_m - room_m, drone))
         for other in neighbours:
             if not other.airborne:
                 continue
-            north_m, east_m, down_m = whereabouts(other, position)
-            to_other = north_m - position[0], east_m - position[1], down_m - position[2]
-            distance_m = math.hypot(*to_other)
+            distance_m, towards = _direction(position, whereabouts(other, position), (0.0, 0.0, 1.0))
             if distance_m > reach_m:
                 continue
-            room_m = limits.separation_m + SEPARATION_MARGIN_M + min(AGEING_MPS * other.age_s, AGEING_LIMIT_M)
-            towards = (
-                (to_other[0] / distance_m, to_other[1] / distance_m, to_other[2] / distance_m)
-                if distance_m > 1e-3
-                else (0.0, 0.0, 1.0)
-            )
+            room_m = least_m + (0.0 if over_home else min(AGEING_MPS * other.age_s, AGEING_LIMIT_M))
             approaching_mps = (
                 min(0.0, _dot(other.velocity_ned_mps, towards)) if other.age_s < FRESH_S else 0.0
             )
@@ -256,6 +266,7 @@ def _all_finite(intent: Intent, own: Sequence[float], neighbours: Sequence[Neigh
         case Velocity(velocity_ned_mps=wanted):
             numbers += wanted
     for other in neighbours:
+        numbers += other.home_ned_m or ()
         numbers += (*other.position_ned_m, *other.velocity_ned_mps, other.age_s)
     return math.isfinite(sum(numbers))
 
@@ -266,6 +277,15 @@ def _stopping_point(position: Vector3, velocity: Vector3, acceleration_mps2: flo
     ahead_s = speed_mps / (2.0 * acceleration_mps2)
     n, e, d = (p + v * ahead_s for p, v in zip(position, velocity, strict=True))
     return n, e, d
+
+
+def _direction(position: Vector3, place: Vector3, where_they_meet: Vector3) -> tuple[float, Vector3]:
+    """Distance to a place, and the direction of it."""
+    north_m, east_m, down_m = (there - here for there, here in zip(place, position, strict=True))
+    distance_m = math.hypot(north_m, east_m, down_m)
+    if distance_m <= 1e-3:
+        return distance_m, where_they_meet
+    return distance_m, (north_m / distance_m, east_m / distance_m, down_m / distance_m)
 
 
 def _dot(a: Vector3, b: Vector3) -> float:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
+from flightstack.config import LimitsConfig
 from flightstack.swarm.peers import FRESH_S
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Neighbour
@@ -31,6 +32,11 @@ def over_the_top(position_ned_m: Vector3, target_ned_m: Vector3, layer_down_m: f
     return _by_layer(
         position_ned_m, target_ned_m, layer_down_m, reached=position_ned_m[2] <= layer_down_m + 1.0
     )
+
+
+def heir_below_m(limits: LimitsConfig) -> float:
+    """How far below the formation an heir crosses: the separation, and some room."""
+    return 1.25 * limits.separation_m + 1.0
 
 
 def underneath(position_ned_m: Vector3, target_ned_m: Vector3, layer_down_m: float) -> Vector3:

@@ -25,7 +25,7 @@ class OwnFacts(msgspec.Struct, frozen=True):
     sensed: Sensed
     place: TreePlace
     moving: bool
-    """On its way to a slot that a heal gave it."""
+    """On its way to a slot in a formation that is on its way: as an heir, or because it joins."""
     best_ppm: float | None
     """Largest filtered excess that it has measured in this survey."""
     held_by: tuple[str, ...]

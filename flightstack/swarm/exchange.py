@@ -19,6 +19,9 @@ PERIOD_S: Final = 0.2
 REFRESH_S: Final = 5.0
 """The longest: digests of 32 bits may be the same by chance, and an old one may have been the last that was heard."""
 
+SHOWN_S: Final = 1.0
+"""How long displays wait at most for what only they need to be told: mostly a claim comes before and tells it."""
+
 DIGEST_S: Final = 2.0
 """A digest that is older is no reason to tell: its drone may be out of reach."""
 
@@ -46,13 +49,14 @@ class Exchange:
         follow."""
         if self._told_s is not None:
             since_s = now_s - self._told_s + 0.5 * self._tick_s
-            is_new = digest != self._told_digest or slots != self._told_slots
+            is_new = digest != self._told_digest
             differs = is_new or any(
                 peer.table_digest not in (digest, NO_TABLE) and now_s - peer.heard_s < DIGEST_S
                 for peer in peers.values()
             )
-            soon = is_new and self._told_again
-            if since_s < (PERIOD_S if differs else REFRESH_S) and not soon:
+            is_shown = slots == self._told_slots
+            period_s = PERIOD_S if differs else REFRESH_S if is_shown else SHOWN_S
+            if since_s < period_s and not (is_new and self._told_again):
                 return False
             self._told_again = not is_new
         self._told_s, self._told_digest, self._told_slots = now_s, digest, slots

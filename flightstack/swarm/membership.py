@@ -35,6 +35,10 @@ SETTLE_S: Final = 0.3
 """How long a suspicion must stand unrefuted: word and answer take a tick of 0.1 s each, and one to spare. Where much
 is lost it is longer, as the silence is that makes one suspected (`flightstack.swarm.reception`)."""
 
+TOLD_SETTLE_S: Final = 0.2
+"""The same where another has missed the drone before, as this one does now: two who miss it, and the word has been on
+its way for a tick."""
+
 OBJECTION_S: Final = 2.0
 """How long a drone waits for the refutation that has itself heard the suspected one of late, or knows that others do:
 who only speaks and hears nobody cannot be a member, but a radio that loses a third needs more than one try."""
@@ -277,8 +281,9 @@ class Membership:
         patience = self._reception.patience
         for drone, (life, at_s) in self._suspected_since_s.items():
             is_heard = drone in peers and now_s - peers[drone].heard_s <= self._suspect_after_s * patience
+            settle_s = patience * (SETTLE_S if drone in self._accused else TOLD_SETTLE_S)
             waits = is_heard or drone in self._vain
-            if now_s - at_s >= (OBJECTION_S if waits else SETTLE_S * patience) - _INSTANT_S:
+            if now_s - at_s >= (OBJECTION_S if waits else settle_s) - _INSTANT_S:
                 self._lost[drone] = life
         if self._lost != before:
             self._present_is_stale = True
@@ -286,6 +291,8 @@ class Membership:
 
     def _note_support(self, now_s: float, heard: int) -> None:
         support = self._support
+        if support and now_s - support[-1][0] > self._suspect_after_s:
+            heard = 1  # this program stood still, and cannot tell who heard it meanwhile
         while support and support[-1][1] >= heard:
             support.pop()
         support.append((now_s, heard))

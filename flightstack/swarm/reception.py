@@ -16,7 +16,7 @@ from flightstack.swarm.peers import PeerFacts
 STATE_PERIOD_S: Final = 0.2
 """How often a drone tells its state (`flightstack.swarm.topics.STATE`)."""
 
-CALM_LOSS: Final = 0.1
+CALM_LOSS: Final = 0.15
 """The loss for which the configured patience is meant."""
 
 MOST_PATIENCE: Final = 2.5
@@ -25,7 +25,7 @@ MOST_PATIENCE: Final = 2.5
 OUTAGE_S: Final = 3.0
 """A longer silence is no loss of single messages: a node or a radio was away."""
 
-_MEMORY: Final = 100.0
+_MEMORY: Final = 200.0
 """States over which the loss is averaged, all peers together."""
 
 

@@ -125,7 +125,7 @@ class KinematicDrone:
         started = table.survey is not None
         if self._ticks % STATE_TICKS == 0:
             said.append((STATE, STATE.codec.encode(self._state())))
-        if started and self._exchange.is_due(now_s, table.digest, self.peers.facts()):
+        if started and self._exchange.is_due(now_s, table.digest, self.peers.facts(), table.slots):
             said.append((TABLE, TABLE.codec.encode(table.message())))
         readings = table.readings_message(now_s, TICK_S)
         if readings is not None:

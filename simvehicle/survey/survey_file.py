@@ -25,7 +25,8 @@ from flightstack.config import (
     StrategyConfig,
     SwarmConfig,
 )
-from flightstack.config_file import problems
+from flightstack.config_file import cautions, problems
+from flightstack.flight.guard import SEPARATION_MARGIN_M
 from flightstack.transport.radio_model import RadioModel
 from mission.documents.fence_section import FenceChoice, read_section
 from mission.documents.yaml_file import DocumentError, line_of, parse, read_text
@@ -277,6 +278,8 @@ class _Checks:
             for field, problem in problems(seen):
                 own = field.startswith("instruments") and self._has_own_instruments(index)
                 raise self._fail(f"drones[{index}].{field}" if own else field, problem)
+            if index == 0:  # they are about what is the same for all
+                self._warnings += [str(self._fail(field, caution)) for field, caution in cautions(seen)]
 
     def _has_own_instruments(self, index: int) -> bool:
         return bool(self._config.drones) and self._config.drones[index].instruments is not None
@@ -315,6 +318,8 @@ class _Checks:
                     self._place(index, "home_north_m"),
                     f"drone {drone.id} starts more than {FARTHEST_HOME_M / 1000:g} km from the origin",
                 )
+        close: list[str] = []
+        apart_deaf_m = separation_m + 2.0 * SEPARATION_MARGIN_M
         for (_, a), (index, b) in itertools.combinations(enumerate(drones), 2):
             apart_m = math.hypot(a.home_north_m - b.home_north_m, a.home_east_m - b.home_east_m)
             if apart_m < separation_m:
@@ -323,6 +328,13 @@ class _Checks:
                     f"drones {a.id} and {b.id} start {apart_m:.1f} m apart, less than "
                     f"limits.separation_m = {separation_m:g} m; move one of them",
                 )
+            if apart_m < apart_deaf_m - 0.01:  # places are given in whole millimetres
+                close.append(f"{a.id} and {b.id}")
+        if close:
+            self._warnings.append(
+                f"{self._file}: drones {', '.join(close)} start less than {apart_deaf_m:g} m apart: "
+                "two that land without hearing each other may come nearer than limits.separation_m"
+            )
 
     def _emulated(self, drones: tuple[SurveyDrone, ...]) -> None:
         for index, drone in enumerate(drones):

@@ -293,14 +293,18 @@ def test_an_agent_that_stood_still_takes_a_free_slot_when_it_wakes() -> None:
     flight = scenario(seed=11)
     flight.run(40.0)
     held = flight.tables[1].held
-    flight.freeze(2)
-    assert flight.run_until(lambda: 2 not in flight.tables[1].held, 5.0)
-    assert flight.run_until(lambda: held[2] in flight.tables[1].held.values(), 5.0), "its heir has claimed it"
+    flight.freeze(1)
+    assert flight.run_until(lambda: 1 not in flight.tables[2].held, 5.0)
+    assert flight.run_until(lambda: held[1] in flight.tables[2].held.values(), 5.0), "its heir has claimed it"
     flight.run(20.0)
-    flight.thaw(2)
-    assert flight.run_until(lambda: sorted(flight.tables[1].held) == [1, 2, 3, 4, 5], 10.0)
-    surveying = {Phase.SEARCHING, Phase.TRACKING}
-    assert flight.run_until(lambda: flight.members[2].agent.phase.phase in surveying, 60.0)
+    flight.thaw(1)
+    assert flight.run_until(lambda: sorted(flight.tables[2].held) == [1, 2, 3, 4, 5], 10.0)
+    assert flight.tables[2].held[1] != held[1]
+    assert flight.tables[2].held[4] == held[1], "and keeps it"
+    flight.run(1.0)
+    assert flight.states[1].healing
+    assert flight.run_until(lambda: not flight.states[1].healing, 45.0)
+    assert flight.phases() <= {Phase.SEARCHING, Phase.TRACKING}
     assert_found(flight)
 
 

@@ -12,6 +12,7 @@ from flightstack.swarm.membership import (
     OBJECTION_S,
     SETTLE_S,
     STEADY_SUPPORT_S,
+    TOLD_SETTLE_S,
     MemberRegisters,
     Membership,
     Standing,
@@ -100,7 +101,7 @@ def test_a_suspicion_told_by_others_counts_after_the_settle_time_too() -> None:
     ears.run(1.0, (1, 2, 3))
     ears.run(SUSPECT_S, (1, 2))
     ears.knows.merge({3: MemberRegister(0, 0)})
-    ears.run(SETTLE_S, (1, 2))
+    ears.run(TOLD_SETTLE_S, (1, 2))
     assert ears.knows.standing(3) is Standing.SUSPECTED
     ears.run(TICK_S, (1, 2))
     assert ears.lost == [3]
@@ -263,6 +264,22 @@ def test_all_know_the_same_in_the_end_whatever_was_said(
                 knows.merge(other.registers)
     assert len({knows.digest for knows in everybody.values()}) == 1
     assert all(knows.present == set(MEMBERS) for knows in everybody.values())
+
+
+def test_who_stood_still_has_heard_nobody_steadily() -> None:
+    """It wakes with everybody's words in its ears, and must not displace who took its slot meanwhile."""
+    membership = Membership(1, (1, 2, 3), suspect_after_s=0.8)
+    for tick in range(100):
+        now_s = 0.1 * tick
+        membership.step(now_s, {d: PeerFacts(now_s, True, False, None) for d in (2, 3)}, ())
+    assert membership.support == 3
+    supports = []
+    for tick in range(60):
+        now_s = 30.0 + 0.1 * tick
+        membership.step(now_s, {d: PeerFacts(now_s, True, False, None) for d in (2, 3)}, ())
+        supports.append(membership.support)
+    assert supports[:50] == [1] * 50
+    assert supports[-1] == 3
 
 
 def test_one_whose_word_comes_by_others_only_is_doubted_ever_more_rarely_and_never_counted_out() -> None:
