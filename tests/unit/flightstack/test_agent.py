@@ -382,7 +382,7 @@ def test_a_strategy_that_fails_brings_its_drone_home_instead_of_ending_the_agent
 
     monkeypatch.setattr(flight.agent._strategy, "decide", broken)
     flight.tick()
-    assert flight.tick().status.phase is Phase.RETURNING
+    flight.until(Phase.RETURNING, within_s=2.0)
     ((severity, text),) = flight.events("leaving")
     assert severity is Severity.WARNING
     assert "ZeroDivisionError" in text
