@@ -65,8 +65,8 @@ class Addresses(msgspec.Struct, frozen=True):
 
     @property
     def endpoints(self) -> tuple[str, ...]:
-        """Of the ground station and of every drone: one list for everybody, so that each pair has one connection. With
-        two, what was said on the one before it hung can come under other topics on the next."""
+        """Of the ground station and of every drone: one list for everybody, so that each pair has one connection, that
+        of the later one in the list (see `flightstack.transport.zenoh_transport`)."""
         return (self.ground_endpoint, *(drone.endpoint for drone in self.drones))
 
 
