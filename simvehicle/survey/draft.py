@@ -65,8 +65,8 @@ class Addresses(msgspec.Struct, frozen=True):
 
     @property
     def endpoints(self) -> tuple[str, ...]:
-        """Of the ground station and of every drone: one list for everybody, so that each pair has one connection, that
-        of the later one in the list (see `flightstack.transport.zenoh_transport`)."""
+        """Of the ground station and of every drone: one list for everybody, so that each pair has one connection
+        (decision 0002)."""
         return (self.ground_endpoint, *(drone.endpoint for drone in self.drones))
 
 
