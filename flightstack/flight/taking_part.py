@@ -26,7 +26,10 @@ NO_SLOT_S: Final = 60.0
 HAND_OVER_S: Final = 20.0
 """How long one that leaves waits for its heir: in a swarm that works it takes a second or two."""
 
-_OVER: Final = {Stage.FOUND: "the source is found", Stage.GIVE_UP: "the search area is exhausted"}
+_OVER: Final = {
+    Stage.FOUND: "the source is found",
+    Stage.GIVE_UP: "the survey is given up: no source was found in its area or its time",
+}
 
 
 class Turn(msgspec.Struct, frozen=True):
