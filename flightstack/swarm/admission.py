@@ -129,6 +129,18 @@ class Admission:
 
     def admit(self, received: Received) -> Message | Refusal:
         """The message, if it is to be believed, without numbers that are none; else one line why not."""
+        message = self.read(received)
+        if isinstance(message, Counted):
+            match self._memory.judge(received, message):
+                case Freshness.REPEATED:
+                    return _REPEATED
+                case Freshness.PAST:
+                    text = f"a message of {received.sender} is refused: {_OF_THE_PAST}"
+                    return self._refusal(RefusalKind.PAST, _OF_THE_PAST, text, None)
+        return message
+
+    def read(self, received: Received) -> Message | Refusal:
+        """The same, also of what was heard before: what it says in itself."""
         sender = received.sender
         try:
             message: Message = received.topic.codec.decode(received.payload)
@@ -145,14 +157,6 @@ class Admission:
             if kind is RefusalKind.REPEATED:
                 return _REPEATED
             return self._refusal(kind, reason, reason, _believable(message))
-        if isinstance(message, Counted):
-            match self._memory.judge(received, message):
-                case Freshness.REPEATED:
-                    return _REPEATED
-                case Freshness.PAST:
-                    reason = _OF_THE_PAST
-                    text = f"a message of {sender} is refused: {reason}"
-                    return self._refusal(RefusalKind.PAST, reason, text, None)
         return _believable(message)
 
     def _misplaced(self, sender: str, message: Message) -> tuple[RefusalKind, str] | None:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from typing import Final
 
 from flightstack.swarm.admission import Admission, Message, Refusal
+from flightstack.swarm.freshness import Counted, Freshness, MessageMemory
 from flightstack.swarm.topics import READINGS, STATE, TABLE, Received
 from flightstack.swarm.wire import Phase
 from flightstack.transport.memory import MemoryRadio, MemoryTransport
@@ -31,6 +33,8 @@ class KinematicMember:
     frozen: bool = False
     clock_ahead_s: float = 0.0
     starts: int = 1
+    memory: MessageMemory = dataclasses.field(default_factory=MessageMemory)
+    """Of what its agent has heard since it was started."""
     up_at_s: float = -math.inf
     """When an agent that was started again takes part."""
 
@@ -77,18 +81,27 @@ class KinematicSwarm:
             now_s = self.now_s + member.clock_ahead_s
             received = member.transport.receive()
             if received:
-                member.drone.hear(now_s, [self._admitted(item) for item in received])
+                member.drone.hear(now_s, self._admitted(member, received))
             phase = member.drone.phase
             member.drone.step(now_s)
             self.changes += member.drone.phase is not phase
         if len(self._read) > 1000:
             self._read.clear()
 
-    def _admitted(self, received: Received) -> Message:
+    def _admitted(self, member: KinematicMember, received: Sequence[Received]) -> list[Message]:
+        """What counts of what has come to a drone: what it has heard before does not."""
+        messages = []
+        for item in received:
+            message = self._decoded(item)
+            if not isinstance(message, Counted) or member.memory.judge(item, message) is Freshness.NEW:
+                messages.append(message)
+        return messages
+
+    def _decoded(self, received: Received) -> Message:
         known = self._read.get(id(received))
         if known is not None and known[0] is received:
             return known[1]
-        message = self._admission.admit(received)
+        message = self._admission.read(received)
         if isinstance(message, Refusal):
             raise RuntimeError(f"a drone of ours is not believed: {message.text}")
         self._read[id(received)] = received, message

@@ -12,7 +12,13 @@ import zenoh
 
 from flightstack.config import SwarmConfig, TlsConfig
 from flightstack.swarm.topics import COMMAND, EVENT, STATE, TOPICS
-from flightstack.transport.access_rules import access_problems, access_rules, common_name, name_clashes
+from flightstack.transport.access_rules import (
+    access_problems,
+    access_rules,
+    common_name,
+    name_clashes,
+    speakers_of,
+)
 from flightstack.transport.zenoh_options import peer_options, router_options
 from flightstack.transport.zenoh_router import ZenohRouter
 from flightstack.transport.zenoh_session import configured
@@ -253,3 +259,15 @@ def test_names_that_are_good():
     assert access_problems(SwarmConfig(name="s", members=(1,), tls=tls, site="rim")) == []
     assert name_clashes(("ground", "base"), ("router",)) == []
     assert access_problems(SwarmConfig(name="s", members=(1,))) == []
+
+
+def test_every_name_that_may_speak_of_a_topic_has_a_ring_and_no_other():
+    tls = TlsConfig(authority="a", certificate="c", private_key="k", stations=("ground", "van"))
+    stations = ["ground", "ground-$*", "van", "van-$*"]
+    assert speakers_of(COMMAND, (1, 2), tls) == stations
+    assert speakers_of(STATE, (1, 2), tls) == ["1", "2", *stations]
+    for topic in TOPICS.values():
+        allowed = access_rules("crater", (1, 2), tls)["rules"]
+        keys = {key for rule in allowed if rule["id"].startswith("speak as") for key in rule["key_exprs"]}
+        for name in speakers_of(topic, (1, 2), tls):
+            assert keys & {topic.key("crater", name), f"flightstack/crater/*/{name}"}, name
