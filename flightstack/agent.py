@@ -16,12 +16,13 @@ from flightstack.config import DroneConfig
 from flightstack.flight.facts import SwarmFacts, VehicleFacts
 from flightstack.flight.fence_conflict import fence_conflict
 from flightstack.flight.guard import Guard, Guarded, PositionTarget
-from flightstack.flight.guidance import over_the_top, underneath
+from flightstack.flight.guidance import heir_below_m, over_the_top, underneath
 from flightstack.flight.homecoming import Homecoming
+from flightstack.flight.layers import layers_of
 from flightstack.flight.leaving import Leaving, LeavingFacts
 from flightstack.flight.obedience import Obedience
 from flightstack.flight.phase import Ask, FlightPhase, PhaseStep
-from flightstack.flight.slot_transfer import SlotStep, SlotTransfer
+from flightstack.flight.slot_transfer import SlotStep, SlotTransfer, is_awaited
 from flightstack.flight.stage_bounds import StageBounds, StageEnd, ended
 from flightstack.flight.strategy_call import consult
 from flightstack.flight.transitions import IN_FORMATION, IllegalTransitionError
@@ -45,7 +46,6 @@ from mission.strategies.contract import (
     Intent,
     Observation,
     OwnState,
-    Stage,
     Strategy,
     TreePlace,
 )
@@ -83,6 +83,8 @@ class AgentStatus(msgspec.Struct, frozen=True, kw_only=True):
     """What keeps the autopilot from being armed, in words; empty if nothing does."""
     comes_second: bool
     """Another agent that was running before this one says that it is this drone."""
+    place: TreePlace
+    """Its place in the swarm's tree, and the tree, as it knows them in this tick."""
 
 
 class Outputs(msgspec.Struct, frozen=True):
@@ -124,8 +126,8 @@ class Agent:
             tick_s=1.0 / config.tick_hz,
         )
         self._guard = Guard(config.limits, fence)
-        layer = config.swarm.members.index(config.drone) % config.formation.layers
-        self._layer_above_home_m = config.formation.above_home_m + config.formation.layer_gap_m * (layer + 1)
+        layers = layers_of(config.drone, config.swarm.members, config.formation, config.limits)
+        self._layer_above_home_m = layers.agent_above_home_m
         self._homecoming = Homecoming(config.limits, fence, -self._layer_above_home_m)
         self._leaving = Leaving(config.limits, fence, config.origin.amsl_m)
         self._slot = SlotTransfer(config.limits.separation_m)
@@ -200,7 +202,7 @@ class Agent:
             vehicle,
             sensed,
             place,
-            self._is_awaited(phase.phase, swarm, slot),
+            is_awaited(phase.phase, swarm.place.slot, swarm.order, slot),
             self._best_ppm,
             guarded.held_by if guarded else (),
             self._ticks + inputs.late_ticks,  # that were due, whether they were held or missed
@@ -218,15 +220,9 @@ class Agent:
             steerable=vehicle.mode_ours,
             waiting_for=vehicle.ready_reason,
             comes_second=self._swarm.comes_second(self._ticks),
+            place=place,
         )
         return Outputs(self._session.step(now_s), sensed.to_ports, told.messages, told.events, status)
-
-    def _is_awaited(self, phase: Phase, swarm: SwarmView, slot: SlotStep) -> bool:
-        """Whether the swarm holds for this drone: it flies to a slot in a formation that is on its way."""
-        joins = phase is Phase.FORMING and swarm.place.slot >= 0
-        return slot.transferring or (
-            joins and swarm.order is not None and swarm.order.stage is not Stage.FORM
-        )
 
     def _storage_notes(self, storage: str) -> list[Note]:
         """What is new about the recording."""
@@ -332,7 +328,9 @@ class Agent:
             stuck=self._homecoming.stuck,
             must_return=self._leaving.step(now_s, leaving) or end.leaves,
             overdue=end.lands,
-            parted=swarm.part is Part.SMALLER,
+            parted=swarm.part is Part.SMALLER and not end.leaves,
+            handed_over=swarm.handed_over,
+            in_haste=self._leaving.in_haste(vehicle.battery_fraction),
             flies_on=swarm.flies_on,
             has_twin=swarm.has_twin,
         )
@@ -401,10 +399,9 @@ class Agent:
                 return Hold()
 
     def _lower_layer_down_m(self) -> float:
-        """Altitude (as down) of the heir's corridor: the separation and some room below the formation."""
+        """Altitude (as down) of the heir's corridor."""
         config = self.config
-        below_m = 1.25 * config.limits.separation_m + 1.0
-        return -max(config.formation.above_home_m - below_m, config.limits.floor_above_home_m)
+        return -(config.formation.above_home_m - heir_below_m(config.limits))
 
     def _steer(
         self, phase: PhaseStep, intent: Intent, vehicle: VehicleReport, swarm: SwarmView
@@ -418,6 +415,7 @@ class Agent:
             vehicle.velocity_ned_mps,
             vehicle.position_age_s,
             swarm.neighbours,
+            vehicle.home_ned_m,
         )
         if isinstance(guarded.setpoint, PositionTarget):
             self._session.target_position(guarded.setpoint.position_ned_m, None)

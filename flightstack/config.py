@@ -101,7 +101,8 @@ class FormationConfig(Section, frozen=True, kw_only=True):
     """The common altitude of the formation over the origin of the swarm's frame."""
     layer_gap_m: Positive = 5.0
     """Vertical distance between drones that cross each other's way while forming up and going home."""
-    layers: Annotated[int, Meta(ge=1)] = 5
+    layers: Annotated[int, Meta(ge=1)] | None = None
+    """How many altitudes they share for it; None: each drone has its own (`flightstack.flight.layers`)."""
 
 
 class StagesConfig(Section, frozen=True, kw_only=True):

@@ -9,6 +9,9 @@ from collections.abc import Iterator
 import msgspec
 
 from flightstack.config import DroneConfig, FormationConfig, LimitsConfig
+from flightstack.flight.guard import SEPARATION_MARGIN_M
+from flightstack.flight.guidance import heir_below_m
+from flightstack.flight.layers import highest_agent_m, layer_cautions
 from flightstack.limit_checks import formation_problems, limit_problems, name_problems, parameter_problems
 from flightstack.mavlink.link import LinkError, check_link
 from flightstack.mavlink.signing_store import SigningKeyError, read_key
@@ -54,6 +57,8 @@ def load(path: str | pathlib.Path) -> DroneConfig:
     config = DroneConfig(**msgspec.structs.asdict(written) | parts)
     for field, problem in problems(config):
         raise DocumentError(file, problem, line=line_of(text, field), field=field)
+    for field, caution in cautions(config):
+        log.warning("%s", DocumentError(file, caution, line=line_of(text, field), field=field))
     for problem in check_files(config.swarm, config.drone):
         raise DocumentError(file, problem, line=line_of(text, "swarm.tls"), field="swarm.tls")
     if config.autopilot.signing_key is not None:
@@ -108,6 +113,12 @@ def problems(config: DroneConfig) -> Iterator[tuple[str, str]]:
     yield from clashes(_claims(config))
 
 
+def cautions(config: DroneConfig) -> Iterator[tuple[str, str]]:
+    """What can be flown and promises less than it could: (field, what, and how to mend it)."""
+    members, parameters = config.swarm.members, config.autopilot.parameters
+    yield from layer_cautions(config.drone, members, config.formation, config.limits, parameters)
+
+
 def _claims(config: DroneConfig) -> Iterator[Claim]:
     yield from link_claim("autopilot.link", config.autopilot.link)
     for index, endpoint in enumerate(config.swarm.listen):
@@ -150,21 +161,23 @@ def _altitudes(formation: FormationConfig, limits: LimitsConfig, drones: int) ->
             f"{formation.above_home_m:g} m is not between the floor ({floor_m:g} m) "
             f"and the ceiling ({ceiling_m:g} m) of limits",
         )
-    if drones > 1 and formation.above_home_m - floor_m < limits.separation_m:
+    lowest_m = floor_m + heir_below_m(limits)
+    if drones > 1 and formation.above_home_m < lowest_m:
         yield (
             "formation.above_home_m",
             f"below {formation.above_home_m:g} m there is no room over limits.floor_above_home_m = "
-            f"{floor_m:g} m for an heir to pass under the others; fly higher",
+            f"{floor_m:g} m for an heir to pass under the others; fly {lowest_m:g} m high or higher",
         )
-    if drones > 1 and formation.layer_gap_m < limits.separation_m:
+    if drones > 1 and formation.layer_gap_m < limits.separation_m + SEPARATION_MARGIN_M:
         yield (
             "formation.layer_gap_m",
             f"{formation.layer_gap_m:g} m between layers is less than limits.separation_m = "
-            f"{limits.separation_m:g} m; drones crossing in two layers would come too near",
+            f"{limits.separation_m:g} m and {SEPARATION_MARGIN_M:g} m for errors of the altitude; drones crossing "
+            "in two layers would come too near",
         )
-    layers = min(drones, formation.layers)
-    top_m = formation.above_home_m + formation.layer_gap_m * layers
+    top_m = highest_agent_m(drones, formation)
     if top_m > ceiling_m:
+        layers = drones if formation.layers is None else min(drones, formation.layers)
         yield (
             "formation.layer_gap_m",
             f"the highest of {layers} layers is at {top_m:g} m, above limits.ceiling_above_home_m",

@@ -9,6 +9,7 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flightstack.config import AutopilotConfig, DroneConfig, FormationConfig, LimitsConfig
+from flightstack.flight.layers import RETURN_ALTITUDES
 from flightstack.mavlink.modes import Flavour
 from flightstack.mavlink.parameter_values import value_problem
 
@@ -42,8 +43,6 @@ _SHORTEST_STAGE_S: Final = 20.0
 _FULLEST_RETURN: Final = 0.9
 _NAME: Final = re.compile(r"[A-Za-z0-9_]{1,16}")
 _INT32: Final = range(-(1 << 31), 1 << 31)
-_RETURN_ALTITUDES: Final = {"RTL_ALT": 0.01, "RTL_ALT_M": 1.0, "RTL_RETURN_ALT": 1.0}
-"""Metres a unit: ArduPilot's in cm and, since 4.7, in m; PX4's in m."""
 _NUMBERS: Final = ("SYSID_THISMAV", "MAV_SYSID", "MAV_SYS_ID")
 """The vehicle's own number: ArduPilot's until and since 4.7, PX4's."""
 _LONGEST_NAME: Final = 40
@@ -122,7 +121,7 @@ def parameter_problems(
                 field,
                 f"{name} {value:g} would give drone {drone}'s autopilot the number of another; leave it out",
             )
-        above_home_m = value * _RETURN_ALTITUDES.get(name, 0.0)
+        above_home_m = value * RETURN_ALTITUDES.get(name, 0.0)
         if above_home_m > limits.ceiling_above_home_m:
             yield (
                 field,

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
+from flightstack.config import LimitsConfig
 from flightstack.swarm.peers import FRESH_S
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Neighbour
@@ -33,6 +34,11 @@ def over_the_top(position_ned_m: Vector3, target_ned_m: Vector3, layer_down_m: f
     )
 
 
+def heir_below_m(limits: LimitsConfig) -> float:
+    """How far below the formation an heir crosses: the separation, and some room."""
+    return 1.25 * limits.separation_m + 1.0
+
+
 def underneath(position_ned_m: Vector3, target_ned_m: Vector3, layer_down_m: float) -> Vector3:
     """Descend below the formation, cross there, climb into the slot: the heir's way (LoCUS paper, figure 5)."""
     return _by_layer(
@@ -42,6 +48,15 @@ def underneath(position_ned_m: Vector3, target_ned_m: Vector3, layer_down_m: flo
 
 COAST_S = 4.0
 """How long a vehicle may fly on after its agent's last word: ArduPilot follows a velocity for 3 s, then brakes."""
+
+
+def stretch(other: Neighbour) -> tuple[Vector3, Vector3]:
+    """The ends of the stretch on which a neighbour is now: both the same, but for one that fell silent on its way."""
+    position, velocity = other.position_ned_m, other.velocity_ned_mps
+    ends = (other.age_s,) * 2 if other.age_s <= FRESH_S else (0.0, min(other.age_s, COAST_S))
+    (n, e, d), (north_mps, east_mps, down_mps) = position, velocity
+    first, last = ((n + north_mps * s, e + east_mps * s, d + down_mps * s) for s in ends)
+    return first, last
 
 
 def whereabouts(other: Neighbour, seen_from_ned_m: Vector3) -> Vector3:
@@ -72,9 +87,9 @@ HOVERS_MPS = 0.5
 """Slower than this a vehicle stays where it is; one that passes a column, or lands beside it, is soon gone."""
 
 
-def _stays(other: Neighbour) -> bool:
+def stays(other: Neighbour, hovers_mps: float = HOVERS_MPS) -> bool:
     """Will it still be there when we come, for all that is known?"""
-    moves = other.age_s <= FRESH_S and math.hypot(*other.velocity_ned_mps) > HOVERS_MPS
+    moves = other.age_s <= FRESH_S and math.hypot(*other.velocity_ned_mps) > hovers_mps
     return other.airborne and other.adrift and not moves
 
 
@@ -86,7 +101,7 @@ def column_free(point_ned_m: Vector3, neighbours: Sequence[Neighbour], room_m: f
         )
         >= room_m
         for other in neighbours
-        if _stays(other)
+        if stays(other)
     )
 
 

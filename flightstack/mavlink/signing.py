@@ -32,7 +32,7 @@ _STAMP: Final = struct.Struct("<BIH")
 _PROOF_BYTES: Final = 6
 
 
-class Verdict(enum.Enum):
+class SignatureVerdict(enum.Enum):
     """What a frame's signature says."""
 
     SIGNED = "signed"
@@ -47,7 +47,7 @@ class Verdict(enum.Enum):
 
     @property
     def is_good(self) -> bool:
-        return self in (Verdict.SIGNED, Verdict.EXEMPT)
+        return self in (SignatureVerdict.SIGNED, SignatureVerdict.EXEMPT)
 
 
 def stamp_at(unix_s: float) -> int:
@@ -70,7 +70,7 @@ class Signing:
         self.key = key
         self.stamp = newest_stamp
         """The newest that was used or believed."""
-        self.refused: Counter[Verdict] = Counter()
+        self.refused: Counter[SignatureVerdict] = Counter()
         """How many frames were not believed, and why."""
         self._streams: dict[tuple[int, int, int], int] = {}
         """The newest timestamp of each system, component and link number."""
@@ -91,35 +91,35 @@ class Signing:
         stamped = with_signed_flag(frame) + _STAMP.pack(link, self.stamp & 0xFFFFFFFF, self.stamp >> 32)
         return stamped + self._proof(stamped)
 
-    def judge(self, frame: MavlinkFrame) -> Verdict:
+    def judge(self, frame: MavlinkFrame) -> SignatureVerdict:
         """Whether a frame is believed. Each is to be shown once, in the order of arrival."""
         verdict = self._verdict(frame)
         if not verdict.is_good:
             self.refused[verdict] += 1
         return verdict
 
-    def _verdict(self, frame: MavlinkFrame) -> Verdict:
+    def _verdict(self, frame: MavlinkFrame) -> SignatureVerdict:
         data, sender = frame.data, (frame.system, frame.component)
         if not is_signed(data):
             # Who has the key signs everything: nobody else gets a word in under its name.
             exempt = frame.kind == mavlink.MAVLINK_MSG_ID_RADIO_STATUS and sender not in self._signers
-            return Verdict.EXEMPT if exempt else Verdict.UNSIGNED
+            return SignatureVerdict.EXEMPT if exempt else SignatureVerdict.UNSIGNED
         if not hmac.compare_digest(data[-_PROOF_BYTES:], self._proof(data[:-_PROOF_BYTES])):
-            return Verdict.OTHER_KEY
+            return SignatureVerdict.OTHER_KEY
         link, low, high = _STAMP.unpack(data[-SIGNATURE_LENGTH:-_PROOF_BYTES])
         stamp, stream = low | high << 32, (*sender, link)
         before = self._streams.get(stream)
         if before is None:
             if stamp < self.stamp - LATE_AT_MOST:
-                return Verdict.STALE
+                return SignatureVerdict.STALE
             if len(self._streams) >= STREAMS_AT_MOST:
                 del self._streams[min(self._streams, key=lambda known: self._streams[known])]
         elif stamp <= before:
-            return Verdict.REPEATED
+            return SignatureVerdict.REPEATED
         self._streams[stream] = stamp
         self._signers.add(sender)
         self.follow(stamp)
-        return Verdict.SIGNED
+        return SignatureVerdict.SIGNED
 
     def _proof(self, stamped: bytes) -> bytes:
         return hashlib.sha256(self.key + stamped).digest()[:_PROOF_BYTES]

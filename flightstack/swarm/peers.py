@@ -135,6 +135,7 @@ class Peers:
                 state.wind,
                 is_adrift(now_s - peer.facts.heard_s) or peer.state.phase in OUT_OF_OUR_HANDS,
                 state.word,
+                state.home_ned_m,
             )
         for drone, (vehicle, at_s) in self._traffic.items():
             age_s = now_s - at_s
@@ -148,6 +149,7 @@ class Peers:
                     age_s,
                     vehicle.airborne,
                     adrift=True,
+                    home_ned_m=known.home_ned_m if known else None,
                 )
         return tuple(found[drone] for drone in sorted(found))
 

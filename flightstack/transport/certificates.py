@@ -10,6 +10,7 @@ import datetime
 import logging
 import pathlib
 import ssl
+import stat
 from collections.abc import Iterator
 from typing import Any, Final
 
@@ -25,6 +26,7 @@ _IGNORE_TIME: Final = 0x200000
 """OpenSSL's X509_V_FLAG_NO_CHECK_TIME: the dates are compared here, so that they can be told."""
 _SOON: Final = datetime.timedelta(days=14)
 _FILES: Final = ("authority", "certificate", "private_key")
+_OTHERS: Final = stat.S_IRWXG | stat.S_IRWXO
 _FLIGHTS: Final = 10
 """More than the messages of a handshake that go to and fro."""
 
@@ -65,6 +67,9 @@ def check_files(swarm: SwarmConfig, node: int | str) -> Iterator[str]:
     except TransportError as error:
         yield str(error).removeprefix("swarm.tls: ")
         return
+    key = pathlib.Path(swarm.tls.private_key)
+    if stat.S_IMODE(key.stat().st_mode) & _OTHERS:
+        log.warning("swarm.tls: others can read the private key; chmod 600 %s", key)
     left = end - datetime.datetime.now(datetime.UTC)
     if left < _SOON:
         log.warning("swarm.tls: the certificate expires on %s; renew it before then", f"{end:%Y-%m-%d}")
@@ -117,7 +122,10 @@ def _handshake(tls: TlsConfig) -> tuple[dict[str, Any], dict[str, Any]]:
         ) from error
     except ssl.SSLError as error:
         raise TransportError(f"swarm.tls: {tls.certificate} cannot be used: {error.reason}") from error
-    return asking.getpeercert() or {}, dict(authorities[0])
+    shown = asking.getpeercert() or {}
+    # A file may hold an old authority beside the new one.
+    signed_by = next(a for a in authorities if a["subject"] == shown["issuer"])
+    return shown, dict(signed_by)
 
 
 def _step(end: ssl.SSLObject) -> bool:

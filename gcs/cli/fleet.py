@@ -7,7 +7,7 @@ import ipaddress
 import pathlib
 import re
 from collections.abc import Sequence
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -15,6 +15,9 @@ from gcs.cli.options import JsonOption
 from gcs.cli.output import say
 from gcs.errors import GroundError
 from gcs.keys.roster import ROUTER_FILE
+
+if TYPE_CHECKING:
+    from gcs.keys.bundles import Changes
 
 app = typer.Typer(help="Keys and certificates of a fleet.", no_args_is_help=True)
 
@@ -37,6 +40,13 @@ RouterOption = Annotated[
     str | None,
     typer.Option("--router", help="Router between sites: NAME=ADDRESS, the address as this site reaches it."),
 ]
+DroneFileOption = Annotated[
+    pathlib.Path | None,
+    typer.Option("--drone-file", help="Each new drone gets this file whole, with its own number and swarm."),
+]
+GroundFileOption = Annotated[
+    pathlib.Path | None, typer.Option("--ground-file", help="The same for ground stations.")
+]
 DaysOption = Annotated[int, typer.Option("--days", min=1, max=7000, help="How long certificates are valid.")]
 
 
@@ -53,6 +63,8 @@ def fleet_init(
     router_port: Annotated[
         int, typer.Option("--router-port", min=1, max=65535, help="Where the router listens.")
     ] = 7448,
+    drone_file: DroneFileOption = None,
+    ground_file: GroundFileOption = None,
     days: DaysOption = 365,
     force: Annotated[
         bool, typer.Option("--force", help="Make all keys anew: what was made before is worthless then.")
@@ -62,6 +74,7 @@ def fleet_init(
     """Make an authority of this fleet, and for every drone and station a key, a certificate and its swarm section."""
     from gcs.keys.bundles import create
     from gcs.keys.roster import Fleet
+    from gcs.keys.whole_files import Templates
 
     stations = _stations(station)
     if not stations and site is None:
@@ -80,7 +93,8 @@ def fleet_init(
         router_port=router_port,
     ).with_nodes(_drones(drones, first_address), stations, _site(site), None if named is None else named[1])
     valid = datetime.timedelta(days=days)
-    _tell(directory, create(directory, fleet, valid, force=force), (), valid, json=json)
+    changes = create(directory, fleet, valid, Templates(drone_file, ground_file), force=force)
+    _tell(directory, changes, valid, json=json)
 
 
 @app.command("add")
@@ -91,20 +105,25 @@ def fleet_add(
     station: StationOption = None,
     site: SiteOption = None,
     router: RouterOption = None,
+    drone_file: DroneFileOption = None,
+    ground_file: GroundFileOption = None,
     days: DaysOption = 365,
     json: JsonOption = False,
 ) -> None:
     """Add drones or ground stations to a fleet. The others' keys stay; their swarm sections name the new ones."""
     from gcs.keys.bundles import add
+    from gcs.keys.whole_files import Templates
 
+    if drones is None and first_address is not None:
+        raise GroundError("--first-address: of which --drones?")
     more = {} if drones is None else _drones(drones, first_address)
     stations = _stations(station)
     if not more and not stations:
         raise GroundError("whom? give --drones with --first-address, or --station NAME=ADDRESS")
     valid = datetime.timedelta(days=days)
     named = None if router is None else _router(router)
-    made, changed = add(directory, more, stations, valid, _site(site), named)
-    _tell(directory, made, changed, valid, json=json)
+    changes = add(directory, more, stations, valid, _site(site), named, Templates(drone_file, ground_file))
+    _tell(directory, changes, valid, json=json)
 
 
 @app.command("renew")
@@ -120,7 +139,7 @@ def fleet_renew(
     from gcs.keys.bundles import renew
 
     valid = datetime.timedelta(days=days)
-    _tell(directory, (), renew(directory, names or (), valid), valid, json=json)
+    _tell(directory, renew(directory, names or (), valid), valid, json=json)
 
 
 def _drones(text: str | None, first: str | None) -> dict[int, str]:
@@ -173,8 +192,7 @@ def _router(text: str) -> tuple[str, str]:
 
 def _tell(
     directory: pathlib.Path,
-    bundles: Sequence[pathlib.Path],
-    changed: Sequence[pathlib.Path],
+    changes: Changes,
     valid: datetime.timedelta,
     *,
     json: bool,
@@ -183,19 +201,17 @@ def _tell(
     lines = [
         f"{bundle}: copy the directory to {bundle.name}; its key is nobody else's"
         + (f"; there: gcs router --config {ROUTER_FILE}" if (bundle / ROUTER_FILE).is_file() else "")
-        for bundle in bundles
+        for bundle in changes.made
     ]
     lines += [
-        f"{file}: changed; copy it to {file.parent.name}"
-        + (" and start the router again" if file.name == ROUTER_FILE else "")
-        for file in changed
+        f"{file}: changed; copy it to {file.parent.name} and start it again" for file in changes.changed
     ]
     lines.append(
         f"valid until {until}; {directory / 'authority'} stays here: who has its key can make members"
     )
     facts = {
-        "bundles": [str(bundle) for bundle in bundles],
-        "changed": [str(file) for file in changed],
+        "bundles": [str(bundle) for bundle in changes.made],
+        "changed": [str(file) for file in changes.changed],
         "valid_until": until,
     }
     say(facts, "\n".join(lines), json=json)

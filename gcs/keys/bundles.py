@@ -6,8 +6,9 @@
     crater/ground/authority.pem, ground.{pem,key}, swarm.yaml
     crater/relay/authority.pem, relay.{pem,key}, zenohd.json5
 
-`swarm.yaml` is the `swarm` section of the node's configuration file, `zenohd.json5` the whole of the router's, if one
-joins several sites.
+`swarm.yaml` is the `swarm` section of the node's configuration file. Where a template was given, a whole
+`drone.yaml` or `ground.yaml` stands beside it, and keeps what a person wrote into it. `zenohd.json5` is the router's
+file, if one joins several sites.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ import contextlib
 import datetime
 import os
 import pathlib
-from collections.abc import Iterable, Iterator
-from typing import Final
+from collections.abc import Collection, Iterable, Iterator
+from typing import Final, NamedTuple
 
 import msgspec
 import yaml
@@ -26,34 +27,61 @@ from gcs.errors import GroundError
 from gcs.keys.authority import Pair, check_library, new_authority, sign
 from gcs.keys.node_files import router_file, swarm_section
 from gcs.keys.roster import AUTHORITY, ROUTER_FILE, Fleet, check_fleet
+from gcs.keys.whole_files import NO_TEMPLATES, Templates, beside, whole_file
 from mission.documents.yaml_file import parse, read_text
 
 _FLEET_FILE: Final = "fleet.yaml"
+_SECTION_FILE: Final = "swarm.yaml"
+
+
+_SET_CLOCKS: Final = datetime.datetime(2026, 1, 1, tzinfo=datetime.UTC)
+"""Before this no fleet was made: a clock that says so is not set, and its certificates would have expired."""
+
+
+class Changes(NamedTuple):
+    """What is to be copied to the nodes."""
+
+    made: list[pathlib.Path]
+    """Bundles that are new, with a new key each."""
+    changed: list[pathlib.Path]
+    """Files of the others."""
 
 
 def create(
-    directory: pathlib.Path, fleet: Fleet, valid: datetime.timedelta, *, force: bool = False
-) -> list[pathlib.Path]:
-    """Make an authority and everybody's bundle; returns the bundles.
+    directory: pathlib.Path,
+    fleet: Fleet,
+    valid: datetime.timedelta,
+    templates: Templates = NO_TEMPLATES,
+    *,
+    force: bool = False,
+) -> Changes:
+    """Make an authority and everybody's bundle, with whole configuration files where there are `templates`.
 
     Nothing is overwritten without `force`: a new authority makes every key and certificate before it worthless.
     """
     check_library()
     check_fleet(fleet)
-    if not force and directory.is_dir() and any(directory.iterdir()):
-        raise GroundError(
-            f"{directory} is not empty; gcs fleet add and renew change a fleet, and --force makes a new one, whose "
-            "nodes do not hear those of the old one any more"
-        )
     if directory.exists() and not directory.is_dir():
         raise GroundError(f"{directory} is no directory")
-    if directory.exists() and any(directory.iterdir()):
-        read(directory)  # only a fleet's own directory is ever overwritten
-    now = datetime.datetime.now(datetime.UTC)
+    former: list[str] = []
+    if directory.is_dir() and any(directory.iterdir()):
+        if not force:
+            raise GroundError(
+                f"{directory} is not empty; gcs fleet add and renew change a fleet, and --force makes a new one, "
+                "whose nodes do not hear those of the old one any more"
+            )
+        former = read(directory).everybody()  # only a fleet's own directory is ever overwritten
+    now = _now()
     authority = new_authority(fleet.swarm, now)
     with _told(directory):
+        files = _configurations(directory, fleet, fleet.everybody(), templates)
+        directory.mkdir(parents=True, exist_ok=True)
+        # First, so that what is only half made, on a disk that is full, is a fleet's directory and can be made again.
+        _write_roster(directory, fleet)
+        for name in {*former} - {*fleet.everybody()}:
+            _remove_keys(directory / name, name)
         _keep(directory / AUTHORITY, AUTHORITY, authority)
-        return _write(directory, fleet, authority, fleet.everybody(), now, valid, fresh=True)
+        return _write(directory, fleet, authority, fleet.everybody(), now, valid, files, fresh=True)
 
 
 def add(
@@ -63,8 +91,9 @@ def add(
     valid: datetime.timedelta,
     site: str | None = None,
     router: tuple[str, str] | None = None,
-) -> tuple[list[pathlib.Path], list[pathlib.Path]]:
-    """More nodes: (their bundles, the others' files, which name the new ones now).
+    templates: Templates = NO_TEMPLATES,
+) -> Changes:
+    """More nodes, whom the others' files name then.
 
     In a fleet of several sites they are all at `site`, which may be new; `router` is the router's name and the
     address at which that site reaches it.
@@ -84,32 +113,23 @@ def add(
     check_fleet(fleet)
     new = [name for name in fleet.everybody() if name not in before]
     with _told(directory):
-        made = _write(
-            directory,
-            fleet,
-            _authority(directory),
-            new,
-            datetime.datetime.now(datetime.UTC),
-            valid,
-            fresh=True,
-        )
-    return made, [_section_file(directory, fleet, name) for name in before]
+        files = _configurations(directory, fleet, new, templates)
+        return _write(directory, fleet, _authority(directory), new, _now(), valid, files, fresh=True)
 
 
-def renew(directory: pathlib.Path, names: Iterable[str], valid: datetime.timedelta) -> list[pathlib.Path]:
-    """New certificates for the same keys; of everybody if no `names` are given. Returns the certificates."""
+def renew(directory: pathlib.Path, names: Iterable[str], valid: datetime.timedelta) -> Changes:
+    """New certificates for the same keys; of everybody if no `names` are given."""
     check_library()
     fleet = read(directory)
     check_fleet(fleet)
     everybody = fleet.everybody()
-    wanted = list(names) or everybody
+    wanted = list(dict.fromkeys(names)) or everybody
     for name in wanted:
         if name not in everybody:
             raise GroundError(f"{directory}: {name} is not in this fleet, which has {', '.join(everybody)}")
-    now = datetime.datetime.now(datetime.UTC)
     with _told(directory):
-        _write(directory, fleet, _authority(directory), wanted, now, valid, fresh=False)
-    return [directory / name / f"{name}.pem" for name in wanted]
+        files = _configurations(directory, fleet, (), NO_TEMPLATES)
+        return _write(directory, fleet, _authority(directory), wanted, _now(), valid, files, fresh=False)
 
 
 def read(directory: pathlib.Path) -> Fleet:
@@ -120,10 +140,6 @@ def read(directory: pathlib.Path) -> Fleet:
             f"{directory} is no fleet's directory (it has no {_FLEET_FILE}); gcs fleet init makes one"
         )
     return parse(read_text(file), Fleet, str(file))
-
-
-def _section_file(directory: pathlib.Path, fleet: Fleet, name: str) -> pathlib.Path:
-    return directory / name / (ROUTER_FILE if name == fleet.router else "swarm.yaml")
 
 
 def write_keys(
@@ -144,6 +160,13 @@ def _authority(directory: pathlib.Path) -> Pair:
     return Pair((kept / f"{AUTHORITY}.pem").read_bytes(), (kept / f"{AUTHORITY}.key").read_bytes())
 
 
+def _now() -> datetime.datetime:
+    now = datetime.datetime.now(datetime.UTC)
+    if now < _SET_CLOCKS:
+        raise GroundError(f"this computer's clock says {now:%Y-%m-%d}; set it, certificates are valid by it")
+    return now
+
+
 def _write(
     directory: pathlib.Path,
     fleet: Fleet,
@@ -151,26 +174,77 @@ def _write(
     names: Iterable[str],
     now: datetime.datetime,
     valid: datetime.timedelta,
+    files: dict[pathlib.Path, bytes],
     *,
     fresh: bool,
-) -> list[pathlib.Path]:
-    """Sign for `names`, with new keys if `fresh`, and tell everybody who belongs to the fleet."""
-    made = []
+) -> Changes:
+    """Sign for `names`, with new keys if `fresh`, and tell everybody who belongs to the fleet with `files`."""
+    made, changed = [], []
     for name in names:
         file = directory / name / f"{name}.key"
         # A router that was written into the fleet's file by hand has no key yet.
         new = fresh or (name == fleet.router and not file.exists())
         write_keys(file.parent, authority, name, now, valid, None if new else file.read_bytes())
-        made.append(file.parent)
+        if new:
+            made.append(file.parent)
+        else:
+            changed.append(file.parent / f"{name}.pem")
+    for file, data in files.items():
+        file.parent.mkdir(parents=True, exist_ok=True)
+        same = file.exists() and file.read_bytes() == data
+        if not same and file.parent not in made and not _is_in_whole_file(file, files):
+            changed.append(file)
+        _replace(file, data)
+    _write_roster(directory, fleet)
+    return Changes(made, changed)
+
+
+def _configurations(
+    directory: pathlib.Path, fleet: Fleet, new: Collection[str], templates: Templates
+) -> dict[pathlib.Path, bytes]:
+    """What tells everybody how to join, by file; of those in `new` from `templates`.
+
+    Made before anything is written: a template that cannot be used changes nothing.
+    """
+    files: dict[pathlib.Path, bytes] = {}
     for node in fleet.nodes():
-        _replace(_section_file(directory, fleet, node.name), swarm_section(fleet, node).encode())
+        bundle, section = directory / node.name, swarm_section(fleet, node)
+        station = node.name in fleet.stations
+        whole = bundle / ("ground.yaml" if station else "drone.yaml")
+        template = (templates.station if station else templates.drone) if node.name in new else None
+        if template is None and whole.is_file():
+            template = whole
+        if template is not None:
+            text = read_text(template)
+            name = node.name if station else int(node.name.removeprefix("drone-"))
+            key = "station" if station else "drone"
+            files[whole] = whole_file(text, str(template), section, key, name).encode()
+            if template != whole:
+                for file in beside(text, str(template)):
+                    files[bundle / file] = (template.parent / file).read_bytes()
+        files[bundle / _SECTION_FILE] = section.encode()
     if fleet.router is not None:
-        file = _section_file(directory, fleet, fleet.router)
-        file.parent.mkdir(exist_ok=True)
-        _replace(file, router_file(fleet, fleet.router).encode())
+        files[directory / fleet.router / ROUTER_FILE] = router_file(fleet, fleet.router).encode()
+    return files
+
+
+def _is_in_whole_file(file: pathlib.Path, files: dict[pathlib.Path, bytes]) -> bool:
+    return file.name == _SECTION_FILE and any(
+        file.with_name(whole) in files for whole in ("drone.yaml", "ground.yaml")
+    )
+
+
+def _write_roster(directory: pathlib.Path, fleet: Fleet) -> None:
     written = yaml.safe_dump(msgspec.to_builtins(fleet, str_keys=False), sort_keys=False)
     _replace(directory / _FLEET_FILE, written.encode())
-    return made
+
+
+def _remove_keys(bundle: pathlib.Path, name: str) -> None:
+    """Of a node that is in no fleet any more: worthless, and not to be taken for another's. Other files stay."""
+    for file in (f"{AUTHORITY}.pem", f"{name}.pem", f"{name}.key", _SECTION_FILE, ROUTER_FILE):
+        (bundle / file).unlink(missing_ok=True)
+    if bundle.is_dir() and not any(bundle.iterdir()):
+        bundle.rmdir()
 
 
 def _keep(bundle: pathlib.Path, name: str, pair: Pair) -> None:

@@ -19,6 +19,8 @@ ROUTER_FILE = "zenohd.json5"
 """In the router's bundle, in the place of `swarm.yaml`."""
 Host = Annotated[str, Meta(min_length=1)]
 """Name or IP address at which a node is reached."""
+_LONGEST_NAME = 48
+"""Of a common name's 64 letters, less what stands before it in the authority's."""
 Port = Annotated[int, Meta(ge=1, le=65535)]
 
 
@@ -87,6 +89,13 @@ def check_fleet(fleet: Fleet) -> None:
         list(fleet.stations), [AUTHORITY, *([fleet.router] if fleet.router is not None else [])]
     ):
         raise GroundError(f"stations and routers: {problem}")
+    if len(fleet.swarm) > _LONGEST_NAME:
+        raise GroundError(
+            f"the swarm's name is longer than {_LONGEST_NAME} letters; certificates hold no more"
+        )
+    for name in fleet.everybody():
+        if len(name) > _LONGEST_NAME:
+            raise GroundError(f"{name} is longer than {_LONGEST_NAME} letters; certificates hold no more")
     if not fleet.drones:
         raise GroundError("a fleet has at least one drone")
     _check_sites(fleet)

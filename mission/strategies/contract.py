@@ -70,6 +70,8 @@ class Neighbour(msgspec.Struct, frozen=True):
     """It will not make way: its agent is silent, or its autopilot or a pilot has it."""
     word: bytes = b""
     """The newest `Decision.word` of its strategy, empty without one."""
+    home_ned_m: Vector3 | None = None
+    """Where it started and comes down again, as far as is known."""
 
 
 class NeighbourArrays(NamedTuple):

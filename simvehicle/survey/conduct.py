@@ -16,6 +16,7 @@ from flightstack.swarm.topics import COMMAND
 from flightstack.swarm.wire import Severity
 from flightstack.transport import Transport
 from gcs.keys.authority import check_library
+from mission.geometry.formation import make_layout
 from simvehicle.fleet.truth import TruthTail, read_tracks
 from simvehicle.survey import launch, progress, summary
 from simvehicle.survey.agent_faults import Freeze, Kill, check_drones
@@ -27,7 +28,7 @@ from simvehicle.survey.watch import RECEIVES, Log, SurveyWatch
 from simvehicle.world.configured import make_world
 
 PERIOD_WALL_S = 0.1
-HEARD_WITHIN_S = 1.0
+HEARD_WITHIN_S = 0.5
 """Simulated time goes no further than this past our last look at the swarm: else a busy machine would tell late when
 things happened, and give commands and kill late."""
 MISSED_LIMIT = 0.01
@@ -83,6 +84,7 @@ def fly(
         make_world(prepared.draft.fleet).gas.source_ned_m,
         survey.geofence,
         survey.config.limits.separation_m,
+        make_layout(survey.config.formation.layout, survey.config.formation.spacing_m),
         read_tracks(prepared.truth),
         log,
         summary.Ending(
@@ -91,6 +93,8 @@ def fly(
             alive=frozenset(end.supervisor.awake),
             kills=end.supervisor.kills,
             freezes=tuple(end.supervisor.freezes),
+            radio=None if prepared.draft.radio is None else prepared.draft.radio.model,
+            encrypted=tls,
             lost_processes=end.lost,
             speedup_reached=end.speedup_reached,
             wall_s=time.monotonic() - began_s,
@@ -145,6 +149,8 @@ def words(flown: summary.Summary) -> str:
         + (" and not woken again" if f.until_s is None else f", woken at {f.until_s:.0f} s")
         for f in flown.freezes
     ]
+    lines += [healing.words for healing in flown.healings]
+    lines += [rejoin.words for rejoin in flown.rejoined]
     lines += [f"drone {orphan.drone}: {orphan.story}" for orphan in flown.orphans]
     told = {orphan.drone for orphan in flown.orphans}
     lines += [
@@ -152,6 +158,13 @@ def words(flown: summary.Summary) -> str:
         for d in flown.per_drone
         if d.away and d.drone not in told
     ]
+    if flown.radio is not None or flown.encrypted:
+        radio = (
+            ""
+            if flown.radio is None
+            else f" through the survey's radio ({flown.radio.loss:.0%} lost everywhere)"
+        )
+        lines.append(f"messages were heard{radio}{', encrypted' * flown.encrypted}")
     lines += [*flown.lost_processes, *flown.warnings]
     reached = "" if flown.speedup_reached is None else f" ({flown.speedup_reached:.1f} times real time)"
     lines.append(
@@ -241,7 +254,7 @@ def _conduct(
             note = "landing everybody; Ctrl-C again ends at once" if interrupts.asked else ""
             display.show(now_s, wall_s=wall_s - began_s, note=note)
             clock.values[own] = now_s + HEARD_WITHIN_S
-            time.sleep(min(PERIOD_WALL_S, 0.5 * HEARD_WITHIN_S / survey.config.speedup))
+            time.sleep(min(PERIOD_WALL_S, 0.4 * HEARD_WITHIN_S / survey.config.speedup))
         assert finish is not None  # noqa: S101 (the loop ends no other way)
         reached = None if moving is None else (clock.values[0] - moving[0]) / (time.monotonic() - moving[1])
     return _End(watch, supervisor, finish, tuple(lost), reached)

@@ -17,6 +17,7 @@ from flightstack.config import (
     SwarmConfig,
     TlsConfig,
 )
+from flightstack.flight.layers import layers_of
 from flightstack.transport.access_rules import common_name
 from flightstack.transport.radio_model import RadioModel
 from flightstack.transport.shared_radio import SharedRadio
@@ -220,7 +221,7 @@ def _drones(
             autopilot=AutopilotConfig(
                 link=f"udpin:{own.companion}",
                 flavour=drone.flavour,
-                parameters=_failsafe_parameters(survey, drone, index),
+                parameters=_failsafe_parameters(survey, drone),
             ),
             instruments=tuple(
                 InstrumentConfig(name=i.name, type=i.type, port=f"socket://{port}", options=i.options)
@@ -280,15 +281,16 @@ def _tls(keys: pathlib.Path | None, node: str) -> TlsConfig | None:
     )
 
 
-def _failsafe_parameters(survey: Survey, drone: SurveyDrone, index: int) -> dict[str, float]:
+def _failsafe_parameters(survey: Survey, drone: SurveyDrone) -> dict[str, float]:
     """What the agent sets on its autopilot for the time when there is no agent any more.
 
-    Each drone returns at an altitude of its own, that of its layer (see `flightstack.agent`), and an ArduPilot
-    follows the last velocity for 1 s instead of 3.
+    Each drone returns at an altitude of its own (`flightstack.flight.layers`), also from nearby, and does not wait
+    over home; an ArduPilot follows the last velocity for 1 s instead of 3, a PX4 comes home when its agent dies.
     """
-    formation = survey.config.formation
-    above_home_m = formation.above_home_m + formation.layer_gap_m * (index % formation.layers + 1)
+    config, members = survey.config, [one.id for one in survey.drones]
+    above_home_m = layers_of(drone.id, members, config.formation, config.limits).autopilot_above_home_m
     if drone.flavour == "ardupilot":
-        return {"RTL_ALT": round(above_home_m * 100.0), "GUID_TIMEOUT": 1.0}  # centimetres, seconds
-    # When its agent dies it comes home, at this altitude also from nearby.
-    return {"RTL_RETURN_ALT": above_home_m, "COM_OBL_RC_ACT": 3.0, "RTL_CONE_ANG": 0.0}
+        centimetres = round(above_home_m * 100.0)
+        return {"RTL_ALT": centimetres, "RTL_CONE_SLOPE": 0.0, "RTL_LOIT_TIME": 0.0, "GUID_TIMEOUT": 1.0}
+    altitudes = {"RTL_RETURN_ALT": above_home_m, "RTL_DESCEND_ALT": above_home_m}
+    return altitudes | {"RTL_CONE_ANG": 0.0, "COM_OBL_RC_ACT": 3.0}

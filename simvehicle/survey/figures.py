@@ -48,6 +48,7 @@ _PHASE_FILLS: dict[Phase, str] = {
     Phase.SEARCHING: "#fff2b3",
     Phase.TRACKING: "#f4b183",
     Phase.HOLDING: "#e2b6e8",
+    Phase.LEAVING: "#dfe8c4",
     Phase.RETURNING: "#c6e0b4",
     Phase.LANDING: "#a2cf8b",
     Phase.RTL: "#b4d7a3",

@@ -83,6 +83,8 @@ def page(survey: Survey, summary: Summary, tracks: Mapping[int, VehicleTrack], l
             numbers=_numbers(summary),
             drawings=list(_drawings(survey, summary, tracks, log)),
             drones=_drones(summary),
+            heals=_heals(summary),
+            rejoined=[rejoin.words for rejoin in summary.rejoined],
             orphans=_orphans(summary),
             lost_processes=summary.lost_processes,
             warnings=summary.warnings,
@@ -227,6 +229,32 @@ def _drones(summary: Summary) -> ReportTable:
                 )
             )
             for d in summary.per_drone
+        ),
+    )
+
+
+def _heals(summary: Summary) -> ReportTable:
+    def took(seconds: float | None) -> str:
+        return "–" if seconds is None else f"{seconds:.1f} s"
+
+    return ReportTable(
+        (
+            Column("drone", number=True),
+            Column("lost because it"),
+            *(Column(head, number=True) for head in ("at", "noticed after", "agreed after", "flown after")),
+        ),
+        tuple(
+            Row(
+                (
+                    str(h.drone),
+                    f"was {h.cause}" if h.cause in ("killed", "frozen") else h.cause,
+                    duration(h.at_s),
+                    took(h.noticed_after_s),
+                    took(h.agreed_after_s),
+                    took(h.flown_after_s),
+                )
+            )
+            for h in summary.healings
         ),
     )
 

@@ -5,18 +5,24 @@ from __future__ import annotations
 import math
 import pathlib
 from collections.abc import Mapping
+from typing import TypeVar
 
 import msgspec
 import numpy as np
 import shapely
 
+from flightstack.transport.radio_model import RadioModel
+from mission.geometry.formation import Layout
 from mission.geometry.frames import LocalFrame, Vector3
 from mission.geometry.geofence import Geofence, LocalFence
 from mission.strategies.contract import Stage
 from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.fleet.truth import LONGEST_STEP_S, STEP_S, VehicleTrack
 from simvehicle.survey.agent_faults import Freeze
+from simvehicle.survey.healing import Healing, Rejoin, failures, healings, rejoins
 from simvehicle.survey.watch import Log
+
+T = TypeVar("T", Healing, Rejoin)
 
 FENCE_TOLERANCE_M = 1.0
 """How far inside a drone must be again before a breach of the fence has ended."""
@@ -88,6 +94,10 @@ class Summary(msgspec.Struct, frozen=True):
     configured_separation_m: float
     fence_breaches: int
     heals: int
+    healings: tuple[Healing, ...]
+    """How long the swarm took to heal around each failure, in the order of the failures."""
+    rejoined: tuple[Rejoin, ...]
+    """Drones that were counted out and took a slot again."""
     kills: dict[int, float]
     """Drone -> when its agent was killed on purpose."""
     freezes: tuple[Freeze, ...]
@@ -107,6 +117,10 @@ class Summary(msgspec.Struct, frozen=True):
     speedup_reached: float | None
     """What the machine managed, start-up not included."""
     seed: int
+    radio: RadioModel | None
+    """Between drones and ground station; None: everything was heard."""
+    encrypted: bool
+    """Whether the swarm's messages were."""
     log_dir: str
     warnings: tuple[str, ...] = ()
 
@@ -124,6 +138,8 @@ class Ending(msgspec.Struct, frozen=True):
     log_dir: str
     warnings: tuple[str, ...] = ()
     freezes: tuple[Freeze, ...] = ()
+    radio: RadioModel | None = None
+    encrypted: bool = False
 
 
 def summarise(
@@ -132,6 +148,7 @@ def summarise(
     source_ned_m: Vector3,
     geofence: Geofence | None,
     separation_m: float,
+    layout: Layout,
     tracks: Mapping[int, VehicleTrack],
     log: Log,
     ending: Ending,
@@ -164,6 +181,8 @@ def summarise(
         configured_separation_m=separation_m,
         fence_breaches=fence_breaches(tracks, LocalFrame(fleet.origin), geofence),
         heals=log.heals,
+        healings=_rounded_times(healings(log, failures(log, ending.kills.items(), ending.freezes), layout)),
+        rejoined=_rounded_times(rejoins(log, ending.freezes)),
         kills={drone: round(at_s, 1) for drone, at_s in ending.kills.items()},
         freezes=tuple(Freeze(f.drone, round(f.at_s, 1), _rounded(f.until_s, 1)) for f in ending.freezes),
         orphans=_orphans(tracks, homes, ending, log),
@@ -175,6 +194,8 @@ def summarise(
         speedup=fleet.speedup,
         speedup_reached=_rounded(ending.speedup_reached, 2),
         seed=fleet.seed,
+        radio=ending.radio,
+        encrypted=ending.encrypted,
         log_dir=ending.log_dir,
         warnings=(
             *ending.warnings,
@@ -185,6 +206,16 @@ def summarise(
                 if fault.at_s >= simulated_s
             ),
         ),
+    )
+
+
+def _rounded_times(found: tuple[T, ...]) -> tuple[T, ...]:
+    """The same with all times (`…_s`) rounded to what the launcher can tell apart."""
+    return tuple(
+        msgspec.structs.replace(
+            one, **{n: _rounded(getattr(one, n), 1) for n in one.__struct_fields__ if n.endswith("_s")}
+        )
+        for one in found
     )
 
 

@@ -12,6 +12,7 @@ from flightstack.swarm.wire import Command, CommandName, Phase, Result, Severity
 from mission.strategies.contract import Stage
 from simvehicle.survey.agent_faults import Freeze, Kill
 from simvehicle.survey.draft import GROUND, VEHICLES, agent_name
+from simvehicle.survey.late_starts import REPEAT_WALL_S, START_TRIES, LateStarts
 from simvehicle.survey.processes import Ended
 from simvehicle.survey.watch import SurveyWatch
 
@@ -19,8 +20,6 @@ START_UP_WALL_S = 120.0
 """How long the processes may take until every agent hears its autopilot: imports take the machine's time."""
 ANSWER_WALL_S = 15.0
 """How long a command is repeated before its unanswered drones are given up."""
-REPEAT_WALL_S = 0.5
-START_TRIES = 3
 BAD_INPUT = 2
 """Exit code of every program of ours that cannot use what it was given."""
 LANDING_LIMIT_S = 300.0
@@ -110,6 +109,7 @@ class Supervisor:
         self._to_kill = sorted(kills, key=lambda kill: kill.at_s)
         self._to_freeze = sorted(freezes, key=lambda freeze: freeze.at_s)
         self._to_wake: dict[int, float] = {}
+        self._late_starts = LateStarts(watch, lambda drone: self._new_command(CommandName.START, drone))
         self._began_wall_s: float | None = None
         self._command: Command | None = None
         self._command_since_wall_s = 0.0
@@ -143,6 +143,8 @@ class Supervisor:
             case Stand.COMING_HOME:
                 pass
         actions: list[Action] = [*self._killing(now_s), *self._freezing(now_s), *self._giving(wall_s)]
+        if self.stand is Stand.FLYING:
+            actions += [Give(command) for command in self._late_starts.step(now_s, wall_s)]
         if self.stand is Stand.COMING_HOME and self._over is not None and self._all_down(now_s):
             actions.append(self._over)
         return actions
@@ -247,6 +249,7 @@ class Supervisor:
             drone = next((d for d in self._watch.members if agent_name(d) == one.name), None)
             if drone is not None:
                 self._gone(drone)
+                self._watch.died(now_s, drone)
             on_the_ground = self._watch.first_takeoff_s is None
             starting = on_the_ground and self.stand in (Stand.STARTING_UP, Stand.COMMANDING)
             if one.name == VEHICLES or starting:
@@ -285,6 +288,7 @@ class Supervisor:
             began_s = self.freezes[index].at_s
             self.freezes[index] = Freeze(drone, began_s, elapsed_s)
             self._watch.woke(drone, elapsed_s - began_s)
+            self._late_starts.woken(now_s, drone)
             self._watch.note(now_s, Severity.INFO, "freeze", "agent goes on (SIGCONT)", drone)
             actions.append(WakeAgent(drone))
         for freeze in [f for f in self._to_freeze if elapsed_s >= f.at_s and f.drone not in self.frozen]:
@@ -306,13 +310,16 @@ class Supervisor:
         self.alive.discard(drone)
         self.frozen.discard(drone)
         self._to_wake.pop(drone, None)
+        self._late_starts.gone(drone)
 
     def _order(self, name: CommandName, wall_s: float) -> None:
-        self._numbers += 1
-        identity = f"{self._survey}-{name}-{self._numbers}"
-        self._command = Command(identity, self._launcher, 0, name)
+        self._command = self._new_command(name)
         self._command_since_wall_s = wall_s
         self._sent_wall_s = -1e9
+
+    def _new_command(self, name: CommandName, target: int = 0) -> Command:
+        self._numbers += 1
+        return Command(f"{self._survey}-{name}-{self._numbers}", self._launcher, target, name)
 
     def _giving(self, wall_s: float) -> list[Give]:
         """The pending command, repeated until every drone that can has answered or there is no hope of it."""

@@ -6,19 +6,33 @@ No I/O and no clock: messages come with the simulated time at which they were re
 from __future__ import annotations
 
 import collections
+import enum
 import math
 from collections.abc import Iterable, Sequence
 
 import msgspec
 
 from flightstack.swarm import topics
+from flightstack.swarm.membership import merge_members
 from flightstack.swarm.topics import Topic
-from flightstack.swarm.wire import CommandOutcome, DroneState, Event, Phase, Severity, TableState, WireError
+from flightstack.swarm.wire import (
+    TAKING_PART,
+    CommandOutcome,
+    DroneState,
+    Event,
+    MemberRegister,
+    Phase,
+    Severity,
+    TableState,
+    WireError,
+)
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Order, Stage
 from simvehicle.fleet.truth import TruthRow
 
 RECEIVES = (topics.STATE, topics.TABLE, topics.OUTCOME, topics.EVENT)
+GETTING_THERE = frozenset({Phase.ARMING, Phase.TAKEOFF, Phase.FORMING})
+"""The phases of a member that is on the way to its first slot, or to its slot after it had lost one."""
 SILENT_S = 5.0
 """Simulated seconds without a state message after which an agent counts as silent."""
 
@@ -46,6 +60,35 @@ class TreeMark(msgspec.Struct, frozen=True):
     """drone -> slot."""
 
 
+class SlotMark(msgspec.Struct, frozen=True):
+    """What a drone said of its own slot, when it changed."""
+
+    time_s: float
+    drone: int
+    slot: int | None
+    """None while it takes no part, too."""
+    moving: bool
+    """It is on the way there."""
+
+
+class Standing(enum.StrEnum):
+    """What the swarm says of a member."""
+
+    THERE = "there"
+    DOUBTED = "doubted"
+    """Missed by somebody."""
+    GONE = "gone"
+    """Counted out by somebody: lost, or gone by its own word."""
+
+
+class StandingMark(msgspec.Struct, frozen=True):
+    """When what the swarm says of a member changed."""
+
+    time_s: float
+    drone: int
+    standing: Standing
+
+
 class OrderMark(msgspec.Struct, frozen=True):
     time_s: float
     order: Order
@@ -64,6 +107,10 @@ class Log(msgspec.Struct, frozen=True):
     heals: int = 0
     ticks: int = 0
     late_ticks: int = 0
+    slots: tuple[SlotMark, ...] = ()
+    standings: tuple[StandingMark, ...] = ()
+    died: dict[int, float] = {}
+    """Drone -> when its agent ended by itself."""
 
     def first(self, stage: Stage) -> OrderMark | None:
         """The first order of a stage."""
@@ -100,6 +147,17 @@ class SurveyWatch:
         self._events: list[EventMark] = []
         self._trees: list[TreeMark] = []
         self._orders: list[OrderMark] = []
+        self._slots: list[SlotMark] = []
+        self._held: dict[int, tuple[int | None, bool]] = {}
+        """The newest of `_slots` of each drone: (slot, moving)."""
+        self._standings: list[StandingMark] = []
+        self._surveys: dict[int, str] = {}
+        """Drone -> the survey that it told of last."""
+        self._survey: str | None = None
+        """The one that most tell of: who starts late has one of its own until it has heard the others."""
+        self._registers: dict[int, MemberRegister] = {}
+        """Of the members, merged of all that was told of `_survey`."""
+        self._died: dict[int, float] = {}
         self._assignments: set[tuple[int, tuple[tuple[int, int], ...]]] = set()
         self._heals = 0
 
@@ -136,6 +194,10 @@ class SurveyWatch:
         """Keep an event; those of the launcher itself have the drone 0."""
         self._events.append(EventMark(now_s, drone, severity, code, text))
 
+    def died(self, now_s: float, drone: int) -> None:
+        """The drone's agent has ended by itself."""
+        self._died.setdefault(drone, now_s)
+
     def woke(self, drone: int, slept_s: float) -> None:
         """The drone's agent goes on after it was made to stand still: what it slept through, it did not miss."""
         self._slept_s[drone] = self._slept_s.get(drone, 0.0) + slept_s
@@ -148,6 +210,11 @@ class SurveyWatch:
         self._counts[drone, state.incarnation] = (state.ticks, state.late_ticks)
         if before is None or before.phase is not state.phase:
             self._phases.append(PhaseMark(now_s, drone, state.phase))
+        slot = state.slot if state.phase in TAKING_PART else None
+        held = slot, slot is not None and (state.healing or state.phase in GETTING_THERE)
+        if self._held.get(drone) != held:
+            self._held[drone] = held
+            self._slots.append(SlotMark(now_s, drone, *held))
         co2_ppm = state.co2_ppm
         if co2_ppm is None or not state.airborne or state.position_ned_m is None:
             return
@@ -155,16 +222,47 @@ class SurveyWatch:
             self.best_co2_ppm, self.best_ned_m = co2_ppm, state.position_ned_m
 
     def _table(self, now_s: float, table: TableState) -> None:
+        if not self._is_the_swarms(table):
+            return
         held = table.held
         assigned = table.epoch, tuple(sorted(held.items()))
         if assigned not in self._assignments:
             self._assignments.add(assigned)
             self._trees.append(TreeMark(now_s, held))
+        self._members(now_s, table)
         self._heals = max(self._heals, table.heals)
         order = table.order
         if order is not None and (self.order is None or order.sequence > self.order.sequence):
             self.order = order
             self._orders.append(OrderMark(now_s, order))
+
+    def _is_the_swarms(self, table: TableState) -> bool:
+        """Whether it tells of the survey that most drones tell of; of two with as many the first."""
+        self._surveys[table.sender] = table.survey
+        told = list(self._surveys.values())
+        if table.survey != self._survey and told.count(table.survey) > sum(
+            one == self._survey for one in told
+        ):
+            self._survey, self._registers = table.survey, {}
+        return table.survey == self._survey
+
+    def _members(self, now_s: float, table: TableState) -> None:
+        """What the table's sender says of the members, on top of what all said before."""
+        told = dict(table.members)
+        self._registers = merge_members(self._registers, told)
+        for drone in sorted(self._registers.keys() | {mark.drone for mark in self._standings}):
+            register = self._registers.get(drone, MemberRegister())
+            before = self._standing(drone)
+            standing = Standing.THERE
+            if max(register.suspected, register.left) == register.life:
+                is_gone = before is Standing.GONE or (drone in table.absent and told.get(drone) == register)
+                standing = Standing.GONE if is_gone else Standing.DOUBTED
+            if standing is not before:
+                self._standings.append(StandingMark(now_s, drone, standing))
+
+    def _standing(self, drone: int) -> Standing:
+        marks = (mark.standing for mark in reversed(self._standings) if mark.drone == drone)
+        return next(marks, Standing.THERE)
 
     # -- what is known ----------------------------------------------------------------------------------------
 
@@ -198,6 +296,9 @@ class SurveyWatch:
             ),
             trees=tuple(TreeMark(m.time_s - zero_s, m.slots) for m in self._trees),
             orders=tuple(OrderMark(m.time_s - zero_s, m.order) for m in self._orders),
+            slots=tuple(SlotMark(m.time_s - zero_s, m.drone, m.slot, m.moving) for m in self._slots),
+            standings=tuple(StandingMark(m.time_s - zero_s, m.drone, m.standing) for m in self._standings),
+            died={drone: at_s - zero_s for drone, at_s in self._died.items()},
             heals=self._heals,
             ticks=sum(ticks for ticks, _ in self._counts.values()) - slept,
             late_ticks=sum(late for _, late in self._counts.values()) - slept,

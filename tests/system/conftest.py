@@ -23,6 +23,8 @@ FLOWN = (
     "simvehicle fly examples/survey_hybrid.yaml",
     "simvehicle fly examples/survey.yaml --kill 3@60",
     "simvehicle fly examples/survey.yaml --fault co2-unplug:2@90",
+    "simvehicle fly examples/survey.yaml --drones 9 "
+    "--kill 1@60 --kill 4@61 --freeze 6@90 --unfreeze 6@130 --kill 2@150",
 )
 """The documents' surveys as they stand there: test_fly_survey.py flies each, test_documents.py finds each here."""
 

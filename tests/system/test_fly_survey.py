@@ -32,7 +32,6 @@ def nothing_runs(directory: pathlib.Path) -> bool:
 def check(summary: dict[str, Any]) -> None:
     """What every good survey has, whatever happened to it."""
     assert summary["outcome"] == "source_found"
-    assert summary["drones"] == 5
     assert summary["source_error_m"] < 5.0
     assert summary["min_separation_m"] >= summary["configured_separation_m"]
     assert summary["fence_breaches"] == 0
@@ -45,6 +44,7 @@ def check(summary: dict[str, Any]) -> None:
 
 
 def everybody_came_home(summary: dict[str, Any], directory: pathlib.Path) -> None:
+    assert summary["drones"] == 5
     assert (summary["alive"], summary["heals"], summary["lost_processes"]) == (5, 0, [])
     files = {path.name for path in directory.iterdir()}
     assert {"summary.json", "report.html", "truth.csv", "ground.log", "vehicles.log", "drone-5.log"} <= files
@@ -67,7 +67,26 @@ def an_unplugged_instrument_was_told(summary: dict[str, Any], directory: pathlib
     assert any("drone 2: sensor" in line and "co2" in line for line in lines)
 
 
+def a_swarm_came_apart_and_together(summary: dict[str, Any], directory: pathlib.Path) -> None:
+    """Three of nine were killed, the root among them, and one was frozen and came back."""
+    assert (summary["drones"], summary["alive"]) == (9, 6)
+    assert summary["lost_processes"] == []
+    assert summary["kills"].keys() == {"1", "2", "4"}
+    assert [d["drone"] for d in summary["per_drone"] if not d["agent_alive"]] == [1, 2, 4]
+    lost = [(h["drone"], h["cause"]) for h in summary["healings"]]
+    assert lost == [(1, "killed"), (4, "killed"), (6, "frozen"), (2, "killed")]
+    for heal in summary["healings"]:
+        assert 0.0 < heal["noticed_after_s"] < 5.0
+        assert 0.0 <= heal["agreed_after_s"] < 5.0
+        assert 0.0 <= heal["flown_after_s"] < 60.0
+    back = [r["drone"] for r in summary["rejoined"]]
+    assert back == [6]
+    assert summary["rejoined"][0]["in_slot_at_s"] is not None
+    assert "Losses and heals" in (directory / "report.html").read_text(encoding="utf-8")
+
+
 ALSO = {
+    "--drones 9": a_swarm_came_apart_and_together,
     "--kill 3@60": a_killed_agent_cost_one_drone,
     "--fault co2-unplug:2@90": an_unplugged_instrument_was_told,
 }
@@ -76,6 +95,22 @@ ALSO = {
 
 def test_a_documented_survey_finds_its_source(flown_command: str, tmp_path: pathlib.Path) -> None:
     """As the documents have it, but as fast as this machine can."""
+    finds_its_source(flown_command, tmp_path)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("options", ["--radio-loss 20", "--tls", "--radio-loss 20 --tls"])
+def test_nine_drones_find_it_over_a_bad_radio_and_encrypted(
+    options: str, flown_commands: tuple[str, ...], tmp_path: pathlib.Path
+) -> None:
+    (command,) = (command for command in flown_commands if "--drones 9" in command)
+    summary = finds_its_source(f"{command} {options}", tmp_path)
+    assert summary["encrypted"] == ("--tls" in options)
+    assert (summary["radio"] or {"loss": 0.0})["loss"] == (0.2 if "--radio-loss 20" in options else 0.0)
+
+
+def finds_its_source(flown_command: str, tmp_path: pathlib.Path) -> dict[str, Any]:
+    """Fly it, check what every good survey has and what its options must have done; its summary."""
     arguments = flown_command.removeprefix("simvehicle fly ").split()
     command = [*FLY, *arguments, "--speedup", "10", "--out", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, cwd=REPOSITORY)
@@ -90,6 +125,7 @@ def test_a_documented_survey_finds_its_source(flown_command: str, tmp_path: path
     check(summary)
     option = next((words for words in ALSO if words in flown_command), None)
     ALSO.get(option, everybody_came_home)(summary, directory)
+    return summary
 
 
 def test_ctrl_c_in_flight_lands_everybody(tmp_path: pathlib.Path) -> None:

@@ -154,7 +154,7 @@ LIES = [
 """From the vehicle, to companion and ground station: disarmed, in LAND, on the ground, somewhere else."""
 
 
-class Flight(Programs):
+class SignedFlight(Programs):
     """One drone that searches, its ground station, and a radio that anybody can speak on."""
 
     def __init__(self, directory: pathlib.Path) -> None:
@@ -231,7 +231,7 @@ class Flight(Programs):
         return dict(json.loads(run("gcs", "status", "--config", self.ground_file, "--json")))
 
 
-def attacked(flight: Flight, forger: Forger) -> None:
+def attacked(flight: SignedFlight, forger: Forger) -> None:
     forger.attack(flight.radio, ORDERS, 255, 190)
     forger.attack(flight.radio, ORDERS, 1, 191)
     forger.attack(flight.companion, LIES, 1, 1)
@@ -241,7 +241,7 @@ def attacked(flight: Flight, forger: Forger) -> None:
 def test_unsigned_mavlink_moves_stops_and_blinds_nobody(tmp_path):
     """The last lines are the proof that the same words would have done it: they are signed there."""
     with contextlib.ExitStack() as stack:
-        flight = Flight(tmp_path)
+        flight = SignedFlight(tmp_path)
         stack.callback(flight.end)
         flight.search()
         for key in (None, bytes(range(32))):

@@ -12,7 +12,7 @@ from typing import Final
 
 from flightstack.mavlink.framing import V2_MAGIC, FrameFinder, pack_frame
 from flightstack.mavlink.link.byte_link import ByteLink
-from flightstack.mavlink.signing import Verdict
+from flightstack.mavlink.signing import SignatureVerdict
 from flightstack.mavlink.signing_store import SigningStore
 
 log = logging.getLogger(__name__)
@@ -42,7 +42,7 @@ class SignedLink:
         self._tells = tells
         self._real_s = real_s
         self._incoming, self._outgoing = FrameFinder(known_only=True), FrameFinder(known_only=True)
-        self._told: set[tuple[int, Verdict]] = set()
+        self._told: set[tuple[int, SignatureVerdict]] = set()
         self._old_since_s: dict[int, float] = {}
         self._complaint = ""
         self._believed = False
@@ -73,7 +73,7 @@ class SignedLink:
             verdict = self._store.signing.judge(frame)
             if verdict.is_good:
                 believed += frame.data
-                self._believed = self._believed or verdict is Verdict.SIGNED
+                self._believed = self._believed or verdict is SignatureVerdict.SIGNED
                 self._old_since_s.pop(frame.system, None)
             elif self._is_to_be_told(frame.system, verdict):
                 self._tell(frame.system, verdict)
@@ -95,14 +95,14 @@ class SignedLink:
         self._link.close()
         self._store.release()
 
-    def _is_to_be_told(self, system: int, verdict: Verdict) -> bool:
+    def _is_to_be_told(self, system: int, verdict: SignatureVerdict) -> bool:
         if (system, verdict) in self._told or len(self._told) >= _TOLD_AT_MOST:
             return False
-        if verdict in (Verdict.UNSIGNED, Verdict.OTHER_KEY):
+        if verdict in (SignatureVerdict.UNSIGNED, SignatureVerdict.OTHER_KEY):
             return True
         return self._real_s() - self._old_since_s.setdefault(system, self._real_s()) > OLD_FOR_S
 
-    def _tell(self, system: int, verdict: Verdict) -> None:
+    def _tell(self, system: int, verdict: SignatureVerdict) -> None:
         self._told.add((system, verdict))
         text = f"{self.describe}: system {system} {_REASONS[verdict].format(key=self._store.path, system=system)}"
         self._complaint = self._complaint or text
@@ -116,11 +116,13 @@ _OLD: Final = (
     "and its clock is behind"
 )
 _REASONS: Final = {
-    Verdict.UNSIGNED: f"does not sign, and is ignored; if it is ours, give it the key over a cable: {_MENDED}",
-    Verdict.OTHER_KEY: (
+    SignatureVerdict.UNSIGNED: (
+        f"does not sign, and is ignored; if it is ours, give it the key over a cable: {_MENDED}"
+    ),
+    SignatureVerdict.OTHER_KEY: (
         "signs with another key than {key}, and is ignored; if it is ours, copy its key's file, or give it this key "
         f"over a cable: {_MENDED} --old-key FILE"
     ),
-    Verdict.REPEATED: _OLD,
-    Verdict.STALE: _OLD,
+    SignatureVerdict.REPEATED: _OLD,
+    SignatureVerdict.STALE: _OLD,
 }

@@ -53,31 +53,42 @@ LIMIT = "  separation_m: 4.0"
         ),
         ("[tcp/192.168.2.11:7447]", "[tcp/0.0.0.0:7447, tcp/10.0.0.1:7447]", ":7: swarm.listen[1]"),
         ("link: /dev/ttypixhawk,115200", "link: tcpin:0.0.0.0:7447", ":7: swarm.listen[0]"),
-        ("RTL_ALT: 1500", "RTL_ALTITUDE_TOO_LONG: 1", ":13: autopilot.parameters.RTL_ALTITUDE_TOO_LONG"),
-        ("RTL_ALT: 1500", "RTL-ALT: 1", "1 to 16 letters"),
-        ("RTL_ALT: 1500", "X: 16777217", "24 bits"),
-        ("RTL_ALT: 1500", "X: 1e40", "no number to work with"),
-        ("RTL_ALT: 1500", "RTL_ALT: '1500'", "Expected `float`, got `str`"),
-        ("RTL_ALT: 1500", "RTL_ALT: true", ":13: autopilot.parameters.RTL_ALT: Expected `float`, got `bool`"),
+        ("RTL_ALT: 4000", "RTL_ALTITUDE_TOO_LONG: 1", ":13: autopilot.parameters.RTL_ALTITUDE_TOO_LONG"),
+        ("RTL_ALT: 4000", "RTL-ALT: 1", "1 to 16 letters"),
+        ("RTL_ALT: 4000", "X: 16777217", "24 bits"),
+        ("RTL_ALT: 4000", "X: 1e40", "no number to work with"),
+        ("RTL_ALT: 4000", "RTL_ALT: '1500'", "Expected `float`, got `str`"),
+        ("RTL_ALT: 4000", "RTL_ALT: true", ":13: autopilot.parameters.RTL_ALT: Expected `float`, got `bool`"),
         ("GUID_TIMEOUT: 1", "GUID_TIMEOUT: null", ":13: autopilot.parameters.GUID_TIMEOUT: Expected `float`"),
-        ("RTL_ALT: 1500", "rtl_alt: 1500", "in capitals: RTL_ALT"),
+        ("RTL_ALT: 4000", "rtl_alt: 1500", "in capitals: RTL_ALT"),
         (
-            "RTL_ALT: 1500",
+            "RTL_ALT: 4000",
             "SYSID_THISMAV: 77",
             ":13: autopilot.parameters.SYSID_THISMAV: SYSID_THISMAV 77 would give",
         ),
-        ("RTL_ALT: 1500", "RTL_ALT: 15\a", ":13: unacceptable character #x0007"),
+        ("RTL_ALT: 4000", "RTL_ALT: 15\a", ":13: unacceptable character #x0007"),
         (
-            "RTL_ALT: 1500",
-            "RTL_ALT: 9000",
-            "brings the drone home 90 m above it, over limits.ceiling_above_home_m",
+            "RTL_ALT: 4000",
+            "RTL_ALT: 19000",
+            "brings the drone home 190 m above it, over limits.ceiling_above_home_m",
         ),
+        (
+            "layer_gap_m: 5.0",
+            "layer_gap_m: 4.5",
+            "4.5 m between layers is less than limits.separation_m = 4 m and 1 m",
+        ),
+        (
+            "above_home_m: 10.0",
+            "above_home_m: 7.0",
+            "for an heir to pass under the others; fly 8 m high or higher",
+        ),
+        ("layer_gap_m: 5.0", "layer_gap_m: 25.0", "the highest of 5 layers is at 135 m"),
         (LIMIT, f"{LIMIT}\n  speed_mps: 4", "'speed_mps' stands twice"),
         ("speed_mps: 5.0", "speed_mps: 500", ":18: limits.speed_mps: 500 is more than any drone does"),
         ("speed_mps: 5.0", "speed_mps: 0.001", "0.001 is less than any drone keeps"),
         (LIMIT, f"{LIMIT}\n  acceleration_mps2: 0.12", "it takes 42 s to stop"),
         (
-            "ceiling_above_home_m: 60.0",
+            "ceiling_above_home_m: 120.0",
             "ceiling_above_home_m: 1e9",
             "limits.ceiling_above_home_m: 1e+09 is more",
         ),
@@ -99,8 +110,34 @@ def test_what_the_file_alone_tells_is_checked(tmp_path: pathlib.Path, old: str, 
     assert words in refused(tmp_path, old, new)
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("RTL_ALT: 4000", "RTL_ALT: 1500", ":13: autopilot.parameters.RTL_ALT: RTL_ALT 1500 is not the altitude"),
+        ("RTL_ALT: 4000", "RTL_ALT_M: 15", "set it to 40"),
+        ("RTL_CONE_SLOPE: 0", "RTL_CONE_SLOPE: 3", "RTL_CONE_SLOPE 3: near home it returns lower; set it to 0"),
+        ("RTL_LOIT_TIME: 0", "RTL_LOIT_TIME: 5000", "RTL_LOIT_TIME 5000: it waits over home"),
+        ("RTL_LOIT_TIME: 0", "RTL_DESCEND_ALT: 10", "RTL_DESCEND_ALT 10: it waits over home at that altitude"),
+        ("layer_gap_m: 5.0", "layers: 3", "formation.layers: 5 drones share 3 layers"),
+        ("ceiling_above_home_m: 120.0", "ceiling_above_home_m: 60.0", "ceiling_above_home_m: 60 m leave no room"),
+    ],
+)  # fmt: skip
+def test_what_may_bring_two_together_that_do_not_hear_each_other_is_warned_of(
+    tmp_path: pathlib.Path, caplog: pytest.LogCaptureFixture, old: str, new: str, words: str
+) -> None:
+    with caplog.at_level(logging.WARNING):
+        load(ROOT / "examples" / "drone.yaml")
+        load(ROOT / "examples" / "drone_px4.yaml")
+    assert caplog.text == ""
+    assert old in GOOD
+    (tmp_path / "drone.yaml").write_text(GOOD.replace(old, new), encoding="utf-8")
+    with caplog.at_level(logging.WARNING):
+        load(tmp_path / "drone.yaml")
+    assert words in caplog.text
+
+
 def test_integers_of_px4_travel_whole(tmp_path: pathlib.Path) -> None:
-    text = GOOD.replace("flavour: ardupilot", "flavour: px4").replace("RTL_ALT: 1500", "COM_X: 16777217")
+    text = GOOD.replace("flavour: ardupilot", "flavour: px4").replace("RTL_ALT: 4000", "COM_X: 16777217")
     (tmp_path / "drone.yaml").write_text(text, encoding="utf-8")
     assert load(tmp_path / "drone.yaml").autopilot.parameters["COM_X"] == 16777217.0
 

@@ -7,7 +7,13 @@ import msgspec
 from flightstack.autopilot import AutopilotSession, VehicleReport
 from flightstack.config import AutopilotConfig, LimitsConfig
 from flightstack.flight.guidance import horizontal_m
-from flightstack.flight.homecoming import CHOOSE_EVERY_S, LANDING_HEIGHT_M, STUCK_S, Homecoming
+from flightstack.flight.homecoming import (
+    CHOOSE_EVERY_S,
+    LANDING_HEIGHT_M,
+    OTHERS_DOWN_S,
+    STUCK_S,
+    Homecoming,
+)
 from mission.geometry.frames import Geodetic, LocalFrame, Vector3
 from mission.strategies.contract import GoTo, Hold, Neighbour
 
@@ -86,3 +92,45 @@ def test_a_minute_without_getting_nearer_is_stuck_and_a_descent_is_no_standstill
         assert not homecoming.stuck
     homecoming.step(300.0, at((0.0, 0.0, -0.6)), (), returning=False)
     assert not homecoming.stuck
+
+
+def test_a_place_beside_home_waits_over_home_until_those_who_fell_silent_are_down() -> None:
+    """Over homes nobody passes; beside them one that is not heard may cross."""
+    homecoming = Homecoming(LimitsConfig(), None, LAYER_DOWN_M)
+    silent = Neighbour(3, (80.0, 0.0, -10.0), (0.0, 0.0, 0.0), 50.0, True, adrift=True)
+    blocked = (orphan(2, 1.0, 0.0), silent)
+    here = (0.2, 0.0, LAYER_DOWN_M)
+    for now_s in (0.0, STUCK_S, 2.0 * STUCK_S):
+        homecoming.step(now_s, at(here), blocked, returning=True)
+        assert homecoming.intent(here) == GoTo((0.0, 0.0, LAYER_DOWN_M))
+        assert not homecoming.stuck, "it waits, and that has an end"
+    down = msgspec.structs.replace(silent, age_s=OTHERS_DOWN_S + 1.0)
+    homecoming.step(130.0, at(here), (orphan(2, 1.0, 0.0), down), returning=True)
+    intent = homecoming.intent(here)
+    assert isinstance(intent, GoTo)
+    assert horizontal_m(intent.position_ned_m, HOME) > 7.0
+
+
+def test_a_place_beside_home_is_on_the_own_side_of_the_others_homes() -> None:
+    homecoming = Homecoming(LimitsConfig(), None, LAYER_DOWN_M)
+    coming = Neighbour(3, (80.0, 0.0, -25.0), (-3.0, 0.0, 0.0), 0.2, True, home_ned_m=(6.0, 0.0, 0.0))
+    homecoming.step(0.0, at((40.0, 0.0, -20.0)), (orphan(2, -1.0, 0.0), coming), returning=True)
+    place = landing_of(homecoming)
+    assert place != HOME
+    assert place[0] <= 1.0, "half of the separation from the middle between the homes"
+
+
+def test_who_is_not_heard_blocks_home_only_where_it_would_be_hit() -> None:
+    """Alive, it keeps out of the column over home, and out of no other place; its agent dead, it hovers on."""
+    homecoming = Homecoming(LimitsConfig(), None, LAYER_DOWN_M)
+    silent = Neighbour(3, (4.2, 0.0, -10.0), (0.0, 0.0, 0.0), 50.0, True, adrift=True)
+    here = (-1.0, 0.0, LAYER_DOWN_M)
+    homecoming.step(0.0, at(here), (silent,), returning=True)
+    intent = homecoming.intent(here)
+    assert isinstance(intent, GoTo)
+    assert intent.position_ned_m[2] == -LANDING_HEIGHT_M, "down at once"
+    assert horizontal_m(intent.position_ned_m, HOME) <= 1.0 + 1e-6
+    assert horizontal_m(intent.position_ned_m, silent.position_ned_m) >= 5.0
+    in_the_way = msgspec.structs.replace(silent, position_ned_m=(2.0, 0.0, -10.0), age_s=OTHERS_DOWN_S + 1.0)
+    homecoming.step(9.0, at(here), (in_the_way,), returning=True)
+    assert horizontal_m(landing_of(homecoming), in_the_way.position_ned_m) >= 7.5

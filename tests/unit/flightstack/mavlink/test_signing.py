@@ -14,8 +14,8 @@ from flightstack.mavlink.signing import (
     STAMP_AT_MOST,
     STAMPS_PER_S,
     STREAMS_AT_MOST,
+    SignatureVerdict,
     Signing,
-    Verdict,
     key_of_passphrase,
     stamp_at,
 )
@@ -49,8 +49,8 @@ def peer(key: bytes = KEY, *, stamp: int = NOW, link: int = 0, system: int = 1, 
 
 
 def test_a_published_frame_is_believed_with_its_key_and_no_other():
-    assert Signing(PUBLISHED_KEY).judge(frame(PUBLISHED)) is Verdict.SIGNED
-    assert Signing(KEY).judge(frame(PUBLISHED)) is Verdict.OTHER_KEY
+    assert Signing(PUBLISHED_KEY).judge(frame(PUBLISHED)) is SignatureVerdict.SIGNED
+    assert Signing(KEY).judge(frame(PUBLISHED)) is SignatureVerdict.OTHER_KEY
 
 
 def test_no_byte_of_what_is_signed_can_be_changed():
@@ -60,11 +60,11 @@ def test_no_byte_of_what_is_signed_can_be_changed():
         changed = bytearray(body)
         changed[place] ^= 0x10
         forged = with_signed_flag(bytes(changed) + bytes(2)) + signature
-        assert Signing(PUBLISHED_KEY).judge(frame(forged)) is Verdict.OTHER_KEY, place
+        assert Signing(PUBLISHED_KEY).judge(frame(forged)) is SignatureVerdict.OTHER_KEY, place
     for place in range(len(PUBLISHED) - 13, len(PUBLISHED)):
         changed = bytearray(PUBLISHED)
         changed[place] ^= 0x10
-        assert Signing(PUBLISHED_KEY).judge(frame(bytes(changed))) is Verdict.OTHER_KEY, place
+        assert Signing(PUBLISHED_KEY).judge(frame(bytes(changed))) is SignatureVerdict.OTHER_KEY, place
 
 
 def test_the_signature_is_what_the_specification_says():
@@ -92,7 +92,7 @@ def test_another_implementation_signs_the_same_and_believes_ours(message):
     receiver = peer(system=9)
     (got,) = receiver.parse_buffer(Signing(KEY, NOW).sign(plain(2, 1, message), 3))
     assert (got.get_type(), got.get_signed()) == (message.get_type(), True)
-    assert Signing(KEY, NOW).judge(frame(theirs)) is Verdict.SIGNED
+    assert Signing(KEY, NOW).judge(frame(theirs)) is SignatureVerdict.SIGNED
 
 
 def test_another_implementation_refuses_what_is_signed_with_another_key():
@@ -106,27 +106,27 @@ def test_what_is_not_signed_is_refused_and_counted():
     signing = Signing(KEY, NOW)
     old = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
     v1 = bytes(HEARTBEAT.pack(old, force_mavlink1=True))
-    assert [signing.judge(frame(data)) for data in (plain(), v1)] == [Verdict.UNSIGNED] * 2
-    assert signing.refused == {Verdict.UNSIGNED: 2}
+    assert [signing.judge(frame(data)) for data in (plain(), v1)] == [SignatureVerdict.UNSIGNED] * 2
+    assert signing.refused == {SignatureVerdict.UNSIGNED: 2}
 
 
 def test_telemetry_radios_need_no_key_but_have_no_other_name():
     signing = Signing(KEY, NOW)
     status = mavlink.MAVLink_radio_status_message(1, 2, 3, 4, 5, 6, 7)
-    assert signing.judge(frame(plain(51, 68, status))) is Verdict.EXEMPT
-    assert signing.judge(frame(bytes(HEARTBEAT.pack(peer())))) is Verdict.SIGNED
-    assert signing.judge(frame(plain(1, 1, status))) is Verdict.UNSIGNED
-    assert signing.judge(frame(plain(51, 68))) is Verdict.UNSIGNED
+    assert signing.judge(frame(plain(51, 68, status))) is SignatureVerdict.EXEMPT
+    assert signing.judge(frame(bytes(HEARTBEAT.pack(peer())))) is SignatureVerdict.SIGNED
+    assert signing.judge(frame(plain(1, 1, status))) is SignatureVerdict.UNSIGNED
+    assert signing.judge(frame(plain(51, 68))) is SignatureVerdict.UNSIGNED
 
 
 def test_what_was_recorded_is_worth_nothing():
     signing, sender = Signing(KEY, NOW), peer()
     first, second = (frame(bytes(HEARTBEAT.pack(sender))) for _ in range(2))
     assert [signing.judge(each) for each in (first, second, second, first)] == [
-        Verdict.SIGNED,
-        Verdict.SIGNED,
-        Verdict.REPEATED,
-        Verdict.REPEATED,
+        SignatureVerdict.SIGNED,
+        SignatureVerdict.SIGNED,
+        SignatureVerdict.REPEATED,
+        SignatureVerdict.REPEATED,
     ]
 
 
@@ -134,11 +134,12 @@ def test_links_and_components_count_by_themselves():
     signing = Signing(KEY, NOW)
     for link, component in ((0, 1), (1, 1), (0, 191)):
         data = bytes(HEARTBEAT.pack(peer(link=link, component=component)))
-        assert signing.judge(frame(data)) is Verdict.SIGNED
+        assert signing.judge(frame(data)) is SignatureVerdict.SIGNED
 
 
 @pytest.mark.parametrize(
-    ("behind", "verdict"), [(LATE_AT_MOST, Verdict.SIGNED), (LATE_AT_MOST + 1, Verdict.STALE)]
+    ("behind", "verdict"),
+    [(LATE_AT_MOST, SignatureVerdict.SIGNED), (LATE_AT_MOST + 1, SignatureVerdict.STALE)],
 )
 def test_a_new_stream_is_at_most_a_minute_old(behind, verdict):
     data = bytes(HEARTBEAT.pack(peer(stamp=NOW - behind)))
@@ -151,13 +152,13 @@ def test_we_follow_whoever_is_ahead_and_never_go_back():
     assert signing.stamp == NOW
     signing.follow(7)
     ours = frame(signing.sign(plain(2), 0))
-    assert Signing(KEY, NOW).judge(ours) is Verdict.SIGNED
+    assert Signing(KEY, NOW).judge(ours) is SignatureVerdict.SIGNED
 
 
 def test_who_cannot_sign_moves_no_clock_of_ours():
     signing = Signing(KEY, NOW)
     ahead = bytes(HEARTBEAT.pack(peer(OTHER, stamp=NOW + 10**9)))
-    assert signing.judge(frame(ahead)) is Verdict.OTHER_KEY
+    assert signing.judge(frame(ahead)) is SignatureVerdict.OTHER_KEY
     assert signing.stamp == NOW
 
 
@@ -175,12 +176,12 @@ def test_what_others_have_signed_goes_on_as_it_is():
 
 def test_streams_fill_no_memory_and_forgotten_ones_are_not_repeated():
     signing, first = Signing(KEY, NOW), frame(bytes(HEARTBEAT.pack(peer())))
-    assert signing.judge(first) is Verdict.SIGNED
+    assert signing.judge(first) is SignatureVerdict.SIGNED
     for number in range(STREAMS_AT_MOST + 5):
         late = peer(stamp=NOW + LATE_AT_MOST + 10 + number, system=number // 250 + 2, component=number % 250)
-        assert signing.judge(frame(bytes(HEARTBEAT.pack(late)))) is Verdict.SIGNED
+        assert signing.judge(frame(bytes(HEARTBEAT.pack(late)))) is SignatureVerdict.SIGNED
     assert len(signing._streams) == STREAMS_AT_MOST
-    assert signing.judge(first) is Verdict.STALE
+    assert signing.judge(first) is SignatureVerdict.STALE
 
 
 def test_times_of_the_calendar():

@@ -70,6 +70,34 @@ def test_an_authority_that_has_expired(made):
     assert "own.pem has expired" in text
 
 
+def test_of_several_authorities_the_one_that_signed_counts(made):
+    old = new_authority("old", NOW - 21 * 365 * DAY)
+    both = old.certificate + (made / "own.pem").read_bytes()
+    (made / "both.pem").write_bytes(both)
+    assert check_certificates(tls(made, authority="both.pem"), 1, NOW) == NOW + 30 * DAY
+
+
+def test_whoever_it_is(made):
+    assert (
+        check_certificates(tls(made, certificate="own-2.pem", private_key="own-2.key"), now=NOW)
+        == NOW + 30 * DAY
+    )
+
+
+def test_a_key_that_others_can_read_is_told(made, caplog):
+    authority = new_authority("s", datetime.datetime.now(datetime.UTC))
+    pair = sign(authority, "drone-1", datetime.datetime.now(datetime.UTC), 30 * DAY)
+    (made / "own.pem").write_bytes(authority.certificate)
+    (made / "own-1.pem").write_bytes(pair.certificate)
+    (made / "own-1.key").write_bytes(pair.private_key)
+    swarm = SwarmConfig(name="s", members=(1,), tls=tls(made))
+    for mode, warnings in ((0o600, 0), (0o400, 0), (0o640, 1), (0o604, 1)):
+        (made / "own-1.key").chmod(mode)
+        caplog.clear()
+        assert list(check_files(swarm, 1)) == []
+        assert caplog.text.count(f"chmod 600 {made / 'own-1.key'}") == warnings
+
+
 def test_of_another_fleet(made):
     text = problem(tls(made, certificate="other-1.pem", private_key="other-1.key"))
     assert "other-1.pem is not signed by the authority in" in text

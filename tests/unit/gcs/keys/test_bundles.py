@@ -18,7 +18,7 @@ import gcs.station_config
 from flightstack.transport.certificates import check_certificates
 from gcs.cli.main import app
 from gcs.errors import GroundError
-from gcs.keys import authority
+from gcs.keys import authority, bundles
 from mission.documents.yaml_file import DocumentError
 
 EXAMPLES = pathlib.Path(__file__).parents[4] / "examples"
@@ -139,7 +139,7 @@ def sites(tmp_path) -> pathlib.Path:
     second = "--drones 3 --first-address 192.168.2.11 --station ground=192.168.2.1 --site valley"
     text = fleet("add", made, *second.split(), "--router", "relay=10.0.0.7")
     changed = made / "relay" / "zenohd.json5"
-    assert f"{changed}: changed; copy it to relay and start the router again" in text
+    assert f"{changed}: changed; copy it to relay and start it again" in text
     return made
 
 
@@ -252,6 +252,116 @@ def test_renewing_changes_certificates_alone(made):
         fleet("renew", made, "drone-8")
 
 
+def test_renewing_says_what_else_has_changed(made):
+    file = made / "fleet.yaml"
+    file.write_text(file.read_text().replace("192.168.2.12", "192.168.2.99"))
+    changed = json.loads(fleet("renew", made, "drone-1", "--json"))["changed"]
+    nodes = ("ground", "drone-1", "drone-2", "drone-3", "drone-7")
+    assert set(changed) == {
+        str(made / "drone-1" / "drone-1.pem"),
+        *(str(made / name / "swarm.yaml") for name in nodes),
+    }
+
+
+def test_a_fleet_that_was_left_half_made_is_made_again(tmp_path, monkeypatch):
+    made = tmp_path / "crater"
+    signed = iter(range(2))
+
+    def full_disk(*arguments: object) -> authority.Pair:
+        if next(signed, None) is None:
+            raise OSError(28, "No space left on device", str(made))
+        return authority.sign(*arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(bundles, "sign", full_disk)
+        with pytest.raises(GroundError, match="No space left on device"):
+            fleet("init", made, *INIT.split())
+    with pytest.raises(GroundError, match="--force makes a new one"):
+        fleet("init", made, *INIT.split())
+    fleet("init", made, *INIT.split(), "--force")
+    assert flightstack.config_file.load(written(made, "drone.yaml", "drone-7", drone=7)).drone == 7
+
+
+def test_a_fleet_made_anew_leaves_no_keys_of_those_who_are_gone(made):
+    (made / "drone-7" / "notes.txt").write_text("propeller 3 is bent")
+    fleet("init", made, *INIT.replace("1-3,7", "1,2").split(), "--force")
+    assert not (made / "drone-3").exists()
+    assert [p.name for p in (made / "drone-7").iterdir()] == ["notes.txt"]
+
+
+def test_a_clock_that_is_not_set_makes_no_certificates(tmp_path, monkeypatch):
+    class Unset(datetime.datetime):
+        @classmethod
+        def now(cls, tz: datetime.tzinfo | None = None) -> datetime.datetime:
+            return datetime.datetime(1970, 1, 2, tzinfo=tz)
+
+    monkeypatch.setattr(bundles.datetime, "datetime", Unset)
+    with pytest.raises(GroundError, match="this computer's clock says 1970-01-02; set it"):
+        fleet("init", tmp_path / "f", *INIT.split())
+    assert not (tmp_path / "f").exists()
+
+
+def templates(directory: pathlib.Path) -> list[str]:
+    """Options that give the examples as templates, the drone's with a fence in a file and remarks of its own."""
+    document = (EXAMPLES / "drone.yaml").read_text()
+    fence = document.index("geofence:")
+    strategy = document.index("strategy:")
+    text = f"{document[:fence]}geofence: crater.plan\n# wide {document[strategy:]}".replace(
+        "# wide ", "# wide\n"
+    )
+    (directory / "drone.yaml").write_text(text)
+    (directory / "crater.plan").write_text("a plan")
+    return ["--drone-file", str(directory / "drone.yaml"), "--ground-file", str(EXAMPLES / "ground.yaml")]
+
+
+def test_whole_files_from_a_template(tmp_path):
+    made = tmp_path / "crater"
+    fleet("init", made, *INIT.split(), *templates(tmp_path))
+    original = (tmp_path / "drone.yaml").read_text()
+    for drone in (1, 7):
+        text = (made / f"drone-{drone}" / "drone.yaml").read_text()
+        assert text.startswith("# A Dragonfly-class drone")
+        assert "# wide\n" in text
+        read = yaml.safe_load(text)
+        assert read == yaml.safe_load(original) | {"drone": drone, "swarm": section(made, f"drone-{drone}")}
+        assert (made / f"drone-{drone}" / "crater.plan").read_text() == "a plan"
+    assert gcs.station_config.load(made / "ground" / "ground.yaml").swarm.members == (1, 2, 3, 7)
+
+
+def test_what_a_person_writes_into_a_whole_file_stays(tmp_path):
+    made = tmp_path / "crater"
+    fleet("init", made, *INIT.split(), *templates(tmp_path))
+    file = made / "drone-2" / "drone.yaml"
+    file.write_text(file.read_text().replace("RTL_ALT: 1500", "RTL_ALT: 2000"))
+    words = ["--drones", "9", "--first-address", "192.168.2.19"]
+    changed = json.loads(fleet("add", made, *words, "--json"))["changed"]
+    assert str(file) in changed
+    assert str(file.with_name("swarm.yaml")) not in changed
+    assert "RTL_ALT: 2000" in file.read_text()
+    assert yaml.safe_load(file.read_text())["swarm"]["members"] == [1, 2, 3, 7, 9]
+    assert not (made / "drone-9" / "drone.yaml").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("[1, 2]", "is no configuration"),
+        ("drone: 1\n", "has no swarm section"),
+        ("{drone: 1, swarm: {name: x}}", "drone and swarm cannot be replaced in it"),
+        ("drone: [1\n", "drone.yaml:2: "),
+        ("drone: 1\nswarm: {name: x}\ngeofence: no.plan\n", "no.plan: No such file"),
+        ("drone: 1\nswarm: {name: x}\ngeofence: ../crater.plan\n", "../crater.plan is not beside it"),
+    ],
+)
+def test_a_template_that_cannot_be_used_is_one_line_and_makes_nothing(tmp_path, text, problem):
+    (tmp_path / "drone.yaml").write_text(text)
+    with pytest.raises((GroundError, DocumentError)) as caught:
+        fleet("init", tmp_path / "f", *INIT.split(), "--drone-file", tmp_path / "drone.yaml")
+    assert problem in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "f").exists()
+
+
 def test_a_damaged_fleet_is_one_line(made):
     with pytest.raises(GroundError, match="is no fleet's directory"):
         fleet("renew", made / "drone-1")
@@ -283,6 +393,8 @@ def test_a_damaged_fleet_is_one_line(made):
         (("192.168.2.11", "255.255.255.254"), "--first-address 255.255.255.254: "),
         (("--first-address 192.168.2.11", ""), "which drones, and where?"),
         (("crater", "a/b"), "--swarm 'a/b': use letters"),
+        (("crater", "c" * 49), "the swarm's name is longer than 48 letters"),
+        (("ground=", "g" * 49 + "="), "is longer than 48 letters"),
     ],
 )
 def test_what_a_person_can_get_wrong_is_one_line_and_makes_nothing(tmp_path, change, text):

@@ -20,7 +20,7 @@ USB, RADIO = 0, 1
 FORCE = 21196
 
 
-class Vehicle:
+class KeyedVehicle:
     """Id 3, with a cable at its USB port and a radio."""
 
     def __init__(self, flavour: str, key: bytes | None) -> None:
@@ -81,7 +81,7 @@ def flavour(request) -> str:
 
 
 def test_all_that_it_says_is_signed_with_its_key(flavour):
-    vehicle = Vehicle(flavour, KEY)
+    vehicle = KeyedVehicle(flavour, KEY)
     said = vehicle.run(2.0)
     for link in (USB, RADIO):
         words = heard(ground(KEY), said[link])
@@ -91,7 +91,7 @@ def test_all_that_it_says_is_signed_with_its_key(flavour):
 
 
 def test_it_obeys_its_key_and_at_its_usb_port_everybody(flavour):
-    vehicle = Vehicle(flavour, KEY)
+    vehicle = KeyedVehicle(flavour, KEY)
     assert vehicle.obeys(ground(KEY), RADIO)
     assert not vehicle.obeys(ground(), RADIO)
     assert not vehicle.obeys(ground(OTHER), RADIO)
@@ -99,7 +99,7 @@ def test_it_obeys_its_key_and_at_its_usb_port_everybody(flavour):
 
 
 def test_what_was_recorded_moves_it_no_second_time(flavour):
-    vehicle, recorder = Vehicle(flavour, KEY), ground(KEY)
+    vehicle, recorder = KeyedVehicle(flavour, KEY), ground(KEY)
     vehicle.run(5.0)
     arm = mavlink.MAVLink_command_long_message(3, 1, 400, 0, 1, FORCE, 0, 0, 0, 0, 0)
     disarm = mavlink.MAVLink_command_long_message(3, 1, 400, 0, 0, FORCE, 0, 0, 0, 0, 0)
@@ -113,7 +113,7 @@ def test_what_was_recorded_moves_it_no_second_time(flavour):
 
 
 def test_a_key_is_given_changed_and_taken_away(flavour):
-    vehicle = Vehicle(flavour, None)
+    vehicle = KeyedVehicle(flavour, None)
     assert vehicle.obeys(ground(), RADIO)
     vehicle.setup(ground(), USB, KEY, NOW)
     assert not vehicle.obeys(ground(), RADIO)
@@ -127,7 +127,7 @@ def test_a_key_is_given_changed_and_taken_away(flavour):
 
 
 def test_no_key_is_set_on_an_armed_vehicle():
-    vehicle = Vehicle("ardupilot", None)
+    vehicle = KeyedVehicle("ardupilot", None)
     vehicle.run(5.0)
     vehicle.arm(ground(), USB)
     assert vehicle.simulated.armed
@@ -137,7 +137,7 @@ def test_no_key_is_set_on_an_armed_vehicle():
 
 def test_the_key_goes_to_nobody_else():
     """One that is meant for the whole vehicle would be handed on to its other links."""
-    vehicle, companion = Vehicle("ardupilot", None), ground(system=3)
+    vehicle, companion = KeyedVehicle("ardupilot", None), ground(system=3)
     beat = mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 0, 3)
     vehicle.simulated.receive(RADIO, bytes(beat.pack(companion)))
     message = mavlink.MAVLink_setup_signing_message(3, 0, list(KEY), NOW)
@@ -146,7 +146,7 @@ def test_the_key_goes_to_nobody_else():
 
 
 def test_it_follows_the_time_of_who_has_its_key():
-    vehicle, later = Vehicle("ardupilot", KEY), NOW + 3600 * STAMPS_PER_S
+    vehicle, later = KeyedVehicle("ardupilot", KEY), NOW + 3600 * STAMPS_PER_S
     assert vehicle.obeys(ground(KEY, later), RADIO)
     (first, *_) = heard(ground(KEY), vehicle.run(1.5)[RADIO])
     assert int.from_bytes(first.get_msgbuf()[-12:-6], "little") > later

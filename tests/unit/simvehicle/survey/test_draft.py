@@ -8,8 +8,10 @@ import socket
 
 import pytest
 
+from flightstack.config_file import cautions
 from flightstack.config_file import problems as drone_problems
 from gcs.station_config import problems as ground_problems
+from simvehicle.scenario.scenario_file import load_scenario
 from simvehicle.survey.draft import (
     Addresses,
     Draft,
@@ -148,7 +150,7 @@ def test_numbered_takes_exactly_the_ports_that_are_needed(survey: Survey) -> Non
 def test_each_autopilot_returns_in_a_layer_of_its_own(file: str, name: str, scale: float) -> None:
     survey = load(EXAMPLES / file)
     altitudes = [d.autopilot.parameters[name] / scale for d in draft(survey, in_process(survey)).drones]
-    assert altitudes == [15.0, 20.0, 25.0, 30.0, 35.0]
+    assert altitudes == [40.0, 45.0, 50.0, 55.0, 60.0], "above the agents' layers, which end at 35 m"
 
 
 def test_px4_drones_come_home_by_themselves_in_layers() -> None:
@@ -156,3 +158,13 @@ def test_px4_drones_come_home_by_themselves_in_layers() -> None:
     for drone in draft(survey, in_process(survey)).drones:
         assert drone.autopilot.parameters["COM_OBL_RC_ACT"] == 3.0
         assert drone.autopilot.parameters["RTL_CONE_ANG"] == 0.0
+        own_m = drone.autopilot.parameters["RTL_RETURN_ALT"]
+        assert drone.autopilot.parameters["RTL_DESCEND_ALT"] == own_m, "it does not wait among the others"
+
+
+@pytest.mark.parametrize("file", ["survey.yaml", "survey_px4.yaml", "survey_multi.yaml", "scenario.yaml"])
+def test_what_is_drafted_gives_no_reason_for_caution(file: str) -> None:
+    survey = load_scenario(EXAMPLES / file).survey if file == "scenario.yaml" else load(EXAMPLES / file)
+    assert survey.warnings == ()
+    for drone in draft(survey, in_process(survey)).drones:
+        assert list(cautions(drone)) == []

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from flightstack.swarm.wire import Phase, Severity
+from mission.geometry.formation import make_layout
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Order, Stage
 from simvehicle.drone.drone_spec import VehicleSpec
@@ -19,7 +20,16 @@ from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.fleet.truth import VehicleTrack
 from simvehicle.survey import figures, report, summary
 from simvehicle.survey.survey_file import Survey, load
-from simvehicle.survey.watch import EventMark, Log, OrderMark, PhaseMark, TreeMark
+from simvehicle.survey.watch import (
+    EventMark,
+    Log,
+    OrderMark,
+    PhaseMark,
+    SlotMark,
+    Standing,
+    StandingMark,
+    TreeMark,
+)
 from simvehicle.world.configured import make_world
 
 EXAMPLES = pathlib.Path(__file__).parents[4] / "examples"
@@ -108,7 +118,12 @@ def flight(survey: Survey, end_s: float = 420.0) -> tuple[dict[int, VehicleTrack
         EventMark(KILL_S + 4.0, 1, Severity.WARNING, "lost", "drone 3 lost to the swarm"),
         EventMark(KILL_S + 5.0, 1, Severity.INFO, "heal", "epoch 1: 1 in 0, 2 in 1 <&>"),
     )
-    return tracks, Log(phases, events, trees, tuple(orders), 1, 20_000, 11)
+    slots = [SlotMark(-3.0, d.id, i, False) for i, d in enumerate(survey.drones)]
+    standings = (
+        StandingMark(KILL_S + 0.9, 3, Standing.DOUBTED),
+        StandingMark(KILL_S + 1.5, 3, Standing.GONE),
+    )
+    return tracks, Log(phases, events, trees, tuple(orders), 1, 20_000, 11, tuple(slots), standings)
 
 
 def summarised(
@@ -133,7 +148,8 @@ def summarised(
         speedup=survey.config.speedup,
     )
     ended = summary.Ending(**(values | ending))  # type: ignore[arg-type]
-    return summary.summarise("crater-rim", fleet, SOURCE, survey.geofence, 4.0, tracks, log, ended)
+    layout = make_layout("hexagonal", 10.0)
+    return summary.summarise("crater-rim", fleet, SOURCE, survey.geofence, 4.0, layout, tracks, log, ended)
 
 
 def test_a_whole_flight(survey: Survey, tmp_path: pathlib.Path) -> None:
@@ -144,7 +160,8 @@ def test_a_whole_flight(survey: Survey, tmp_path: pathlib.Path) -> None:
     assert page.tags.count("img") == 4
     for words in (
         "Source found", "1.8 m from where it truly is", "4 of 5", "5 min 50 s", "Vehicles that lost their agent",
-        "then RTL", "epoch 1: 1 in 0, 2 in 1 <&>", "out/crater-rim-20260504-030201",
+        "then RTL", "Losses and heals", "was killed", "0.9 s", "0.6 s", "epoch 1: 1 in 0, 2 in 1 <&>",
+        "out/crater-rim-20260504-030201",
     ):  # fmt: skip
         assert words in page.text
     assert len(text) < 3_000_000

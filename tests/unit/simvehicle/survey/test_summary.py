@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 from flightstack.swarm.wire import Severity
+from flightstack.transport.radio_model import RadioModel
+from mission.geometry.formation import make_layout
 from mission.geometry.frames import Geodetic, LocalFrame
 from mission.geometry.geofence import Geofence
 from mission.strategies.contract import Order, Stage
@@ -21,7 +23,8 @@ from simvehicle.fleet.truth import TruthRow, TruthTail, VehicleTrack, make_track
 from simvehicle.survey import summary
 from simvehicle.survey.agent_faults import Freeze
 from simvehicle.survey.conduct import words
-from simvehicle.survey.watch import EventMark, Log, OrderMark
+from simvehicle.survey.healing import Healing, Rejoin
+from simvehicle.survey.watch import EventMark, Log, OrderMark, SlotMark, Standing, StandingMark
 
 ORIGIN = Geodetic(38.4, 14.96, 300.0)
 TIMES_S = np.arange(0.0, 60.0, 0.1)
@@ -80,6 +83,7 @@ def summarise(
         (30.0, 40.0, -10.0),
         None,
         4.0,
+        make_layout("hexagonal", 10.0),
         tracks,
         log or Log(),
         summary.Ending(**(values | ending)),  # type: ignore[arg-type]
@@ -226,13 +230,43 @@ def test_who_comes_down_away_from_home_is_told() -> None:
     assert "drone 2: came down 67.0 m from its home, in GUIDED" in words(got).splitlines()
 
 
+def test_how_long_healing_took_and_who_came_back_is_told() -> None:
+    slots = (SlotMark(0.0, 1, 0, False), SlotMark(0.0, 2, 1, False))
+    standings = (
+        StandingMark(20.94, 2, Standing.DOUBTED),
+        StandingMark(21.5, 2, Standing.GONE),
+        StandingMark(31.0, 2, Standing.THERE),
+    )
+    got = summarise(
+        {1: track(1, 0.0), 2: track(2, 9.0)},
+        Log(slots=slots, standings=standings, heals=1),
+        freezes=(Freeze(2, 20.0, 30.0),),
+    )
+    assert got.healings == (Healing(2, "frozen", 20.0, 0.9, 0.6, 0.0),)
+    assert got.rejoined == (Rejoin(2, 1, 30.0, 31.0, 31.0),)
+    told = words(got).splitlines()
+    assert "drone 2 frozen at 20 s, noticed after 0.9 s, agreed after 0.6 s, flown after 0.0 s" in told
+    assert "drone 2 back in the swarm 1.0 s after it was woken, in slot 1, there 0.0 s later" in told
+
+
+def test_how_the_swarm_talked_is_told_where_it_was_not_plain() -> None:
+    tracks = {1: track(1, 0.0)}
+    assert "messages were heard" not in words(summarise(tracks))
+    lossy = words(summarise(tracks, radio=RadioModel(loss=0.2), encrypted=True))
+    assert (
+        "messages were heard through the survey's radio (20% lost everywhere), encrypted"
+        in lossy.splitlines()
+    )
+    assert "messages were heard, encrypted" in words(summarise(tracks, encrypted=True)).splitlines()
+
+
 def test_the_summary_file_is_json_with_the_promised_names(tmp_path: pathlib.Path) -> None:
     summary.write(summarise({1: track(1, 20.0)}), tmp_path)
     data = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
     assert data.keys() >= {
         "outcome", "drones", "alive", "time_to_contact_s", "time_to_source_s", "source_error_m",
         "min_separation_m", "configured_separation_m", "fence_breaches", "heals", "log_dir", "kills",
-        "orphans", "missed_deadline_fraction", "wall_s", "simulated_s",
+        "orphans", "missed_deadline_fraction", "wall_s", "simulated_s", "healings", "rejoined",
     }  # fmt: skip
 
 

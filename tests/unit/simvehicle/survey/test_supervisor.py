@@ -14,6 +14,7 @@ from mission.strategies.contract import Order, Stage
 from mission.tree.slot_registers import configured
 from simvehicle.fleet.truth import TruthRow
 from simvehicle.survey.agent_faults import Freeze, Kill
+from simvehicle.survey.late_starts import START_TRIES
 from simvehicle.survey.processes import Ended
 from simvehicle.survey.supervisor import (
     Action,
@@ -402,3 +403,44 @@ def test_the_best_reading_is_what_an_instrument_said_in_the_air() -> None:
         )
         watch.hear(1.0, topics.STATE, topics.STATE.codec.encode(said))
     assert watch.best_co2_ppm == 700.0
+
+
+def test_who_wakes_on_the_ground_is_started_again_and_who_flies_is_not() -> None:
+    swarm = SupervisedSwarm(freezes=(Freeze(2, 20.0, 30.0), Freeze(3, 20.0, 30.0)))
+    swarm.take_off()
+    swarm.run(15.0)
+    before = len(swarm.given)
+    swarm.run(10.0)
+    assert len(swarm.given) == before, "nothing was heard of them since they were woken"
+    swarm.say(Phase.RTL, drones=(2,), airborne=True)
+    swarm.say(Phase.LANDED, drones=(3,))
+    swarm.run(5.0)
+    assert {(c.name, c.target) for c in swarm.given[before:]} == {(CommandName.START, 3)}
+    swarm.say(Phase.LANDED, drones=(2,))
+    swarm.run(5.0)
+    assert {c.target for c in swarm.given[before:]} == {2, 3}
+    assert len({c.identity for c in swarm.given[before:]}) == 2, "one start each, however long it flies"
+
+
+def test_a_refused_late_start_is_given_again_but_not_for_ever() -> None:
+    swarm = SupervisedSwarm(freezes=(Freeze(3, 20.0, 30.0),))
+    swarm.take_off()
+    swarm.run(25.0)
+    swarm.refusing = "not ready"
+    swarm.say(Phase.LANDED, drones=(3,))
+    before = len(swarm.given)
+    swarm.run(60.0)
+    assert len({c.identity for c in swarm.given[before:]}) == START_TRIES
+    assert swarm.over is None
+
+
+def test_nobody_is_started_again_once_the_survey_is_over() -> None:
+    swarm = SupervisedSwarm(freezes=(Freeze(3, 20.0, 30.0),))
+    swarm.take_off()
+    swarm.run(15.0)
+    swarm.order(Stage.FOUND)
+    swarm.run(10.0)
+    before = len(swarm.given)
+    swarm.say(Phase.LANDED, drones=(3,))
+    swarm.run(5.0)
+    assert len(swarm.given) == before

@@ -15,12 +15,12 @@ from mission.documents.yaml_file import DocumentError
 from mission.strategies.locus.strategy import LocusParameters
 from mission.strategies.mobs import MobsParameters
 from simvehicle.faults.fault_table import FaultSpec
+from simvehicle.survey.fault_options import parse_fault
 from simvehicle.survey.survey_file import (
     LaunchLine,
     SurveyConfig,
     SurveyDrone,
     load,
-    parse_fault,
     parse_survey,
 )
 from simvehicle.world.world_config import GaussianPlume, LocusGridPlume, WindConfig
@@ -100,9 +100,9 @@ def test_a_file_that_is_not_text(tmp_path: pathlib.Path) -> None:
         ("spacing_m: 6.0", "spacing_m: 3.0", ["launch_line", "drones 1 and 2 start 3.0 m apart", "separation_m"]),
         ("  spacing_m: 10.0", "  spacing_m: 3.5", ["formation", "must stay 4 m apart"]),
         ("radio_range_m: 60.0", "radio_range_m: 8.0", ["formation", "radio"]),
-        ("above_home_m: 10.0\n\n", "above_home_m: 70.0\n\n", ["formation.above_home_m", "ceiling"]),
+        ("above_home_m: 10.0\n\n", "above_home_m: 130.0\n\n", ["formation.above_home_m", "ceiling"]),
         ("above_home_m: 10.0\n\n", "above_home_m: 5.0\n\n", ["formation.above_home_m", "heir"]),
-        ("ceiling_above_home_m: 60.0", "ceiling_above_home_m: 30.0", ["formation.layer_gap_m", "highest of 5"]),
+        ("ceiling_above_home_m: 120.0", "ceiling_above_home_m: 30.0", ["formation.layer_gap_m", "highest of 5"]),
         ("above_home_m: 10.0\n\n", "above_home_m: 10.0\n  layer_gap_m: 2.0\n\n", ["formation.layer_gap_m"]),
         ("[38.405081, 14.965175]", "[38.4020, 14.9600]", ["geofence", "cross"]),
         ("  towards_deg: 50.0", "  north_m: 400.0", ["launch_line", "outside the geofence"]),
@@ -157,6 +157,23 @@ def test_a_source_outside_the_fence_is_only_warned_of(tmp_path: pathlib.Path) ->
     path.write_text(GOOD.replace("source_north_m: 30.0", "source_north_m: 900.0"), encoding="utf-8")
     (warning,) = load(path).warnings
     assert "outside the geofence" in warning
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "words"),
+    [
+        ("spacing_m: 6.0", "spacing_m: 5.0", "drones 1 and 2, 2 and 3, 3 and 4, 4 and 5 start less than 6 m apart"),
+        ("ceiling_above_home_m: 120.0", "ceiling_above_home_m: 60.0", "ceiling_above_home_m: 60 m leave no room"),
+        ("above_home_m: 10.0\n\n", "above_home_m: 10.0\n  layers: 4\n\n", "5 drones share 4 layers"),
+    ],
+)  # fmt: skip
+def test_what_is_kept_apart_by_hearing_only_is_warned_of(
+    tmp_path: pathlib.Path, before: str, after: str, words: str
+) -> None:
+    path = tmp_path / "survey.yaml"
+    path.write_text(GOOD.replace(before, after, 1), encoding="utf-8")
+    (warning,) = load(path).warnings
+    assert words in warning
 
 
 def test_the_fence_of_a_plan_file(tmp_path: pathlib.Path) -> None:

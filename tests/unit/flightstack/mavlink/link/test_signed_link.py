@@ -15,7 +15,7 @@ from flightstack.mavlink.signing_store import SigningStore, read_key, write_key
 UNIX_S = 1_790_000_000.0
 
 
-class Ends:
+class SignedEnds:
     def __init__(self, directory) -> None:
         self.key = directory / "mavlink.key"
         write_key(self.key)
@@ -45,8 +45,8 @@ class Ends:
 
 
 @pytest.fixture
-def ends(tmp_path) -> Ends:
-    return Ends(tmp_path)
+def ends(tmp_path) -> SignedEnds:
+    return SignedEnds(tmp_path)
 
 
 def test_what_we_say_is_signed_whole_or_in_pieces(ends):
@@ -135,7 +135,7 @@ def test_a_vehicle_without_a_clock_is_believed_once_it_has_heard_us(ends, caplog
 
 
 def test_two_links_of_one_process_believe_a_frame_once(tmp_path):
-    ends = Ends(tmp_path)
+    ends = SignedEnds(tmp_path)
     near, far = memory_pair()
     second = SignedLink(near, ends.link._store, 5)
     data = ends.heartbeat()
