@@ -286,7 +286,8 @@ class SwarmTable:
     def _join_the_foremost(self, now_s: float) -> bool:
         """Take part in the survey that has come further than this drone's own: in the slot that it has there, or, if
         it was counted out, in whatever slot it gets once it says `rejoin`."""
-        told = self._surveys.foremost(self.survey or "", self.epoch, self.order)
+        own = self.survey or ""
+        told = self._surveys.foremost(own, self.epoch, self.order) if self._surveys.differ(own) else None
         if told is None:
             return False
         self.begin(now_s, told.survey, self._start_ned_m, takes_part=self._drone not in told.absent)
