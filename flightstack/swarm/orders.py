@@ -2,7 +2,8 @@
 
 An order bears the claim to the root's slot by which it was given. The one that bears the claim that stands counts
 before any other, then the newer one: what a root ordered that another has displaced is forgotten by itself. But the
-end of the survey stands, also when the root that found the source has gone home, and been replaced, before all heard it.
+end of the survey stands, also when the root that found the source has gone home, and been replaced, before all heard
+it.
 
 Orders are numbered, and no number may be further than `STRIDE` beyond all that were heard of before: what is further
 off counts for that much and is not taken until the numbers have come near, so that nobody can use them up at once.
