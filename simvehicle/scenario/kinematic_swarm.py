@@ -116,7 +116,8 @@ class KinematicSwarm:
             position_ned_m=position_ned_m,
             phase=phase,
         )
-        return KinematicMember(pilot, self.radio.join(drone, _TOPICS), starts=starts)
+        transport = self.radio.join(drone, _TOPICS, lambda: pilot.position_ned_m)
+        return KinematicMember(pilot, transport, starts=starts)
 
     def _take_part(self, member: KinematicMember) -> None:
         """The operator's start reaches an agent that was started again: it knows of no other survey than that."""

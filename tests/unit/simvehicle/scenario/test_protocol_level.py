@@ -6,10 +6,12 @@ from typing import Any
 
 import pytest
 
+from flightstack.transport.radio_model import RadioModel
 from mission.documents.yaml_file import DocumentError
 from mission.documents.yaml_values import text_of
 from simvehicle.faults.fault_table import SWARM_FAULTS
 from simvehicle.scenario.kinematic_drone import KinematicDrone
+from simvehicle.scenario.kinematic_swarm import KinematicSwarm
 from simvehicle.scenario.protocol_level import ProtocolLevel, parse_protocol_scenario
 from simvehicle.scenario.scenario_result import ScenarioResult
 
@@ -117,3 +119,14 @@ def test_a_file_that_cannot_be_is_told_with_its_line() -> None:
         ProtocolLevel().run(wrong)
     with pytest.raises(DocumentError, match="launch_line"):
         ProtocolLevel().run({"name": "none"})
+
+
+def test_who_is_out_of_range_is_heard_by_way_of_others() -> None:
+    """Each hears only the slots next to its own; an order comes to the outermost all the same, a hop a tick."""
+    swarm = KinematicSwarm(19, 10.0, RadioModel(range_m=14.5), 1)
+    assert swarm.radio.audible("1") == {str(drone) for drone in range(2, 8)}
+    for _ in range(60):
+        swarm.step()
+    orders = {member.drone.table.order for member in swarm.members.values()}
+    assert None not in orders
+    assert min(order.sequence for order in orders if order is not None) > 2
