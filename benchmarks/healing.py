@@ -28,13 +28,13 @@ NEXT_ONLY_M: Final = 1.45 * SPACING_M
 """A range in which a drone hears only those in the slots next to its own, also while the formation moves."""
 STEADY_S: Final = 6.0
 """After the start until everybody has heard everybody for long enough."""
-TRIALS: Final = 24
+TRIALS: Final = 12
 LOSSES: Final = (0.0, 0.1, 0.2, 0.3)
-CALM_LOSSES: Final = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5)
+CALM_LOSSES: Final = (0.0, 0.1, 0.2, 0.3, 0.5)
 SIZES: Final = (5, 20, 50, 100, 200)
 HEALED_SIZE: Final = 20
-CALM_FOR_S: Final = 200.0
-HOP_SIZES: Final = (7, 19, 37, 61, 91, 127)
+CALM_FOR_S: Final = 60.0
+HOP_SIZES: Final = (7, 19, 37, 61, 91)
 """Full levels of the hexagonal layout."""
 
 

@@ -1,7 +1,9 @@
 """The order that counts, which is told beside the table.
 
 An order bears the claim to the root's slot by which it was given. The one that bears the claim that stands counts
-before any other, then the newer one: what a root ordered that another has displaced is forgotten by itself.
+before any other, then the newer one: what a root ordered that another has displaced is forgotten by itself. But the
+end of the survey stands, also when the root that found the source has gone home, and been replaced, before all heard
+it.
 
 Orders are numbered, and no number may be further than `STRIDE` beyond all that were heard of before: what is further
 off counts for that much and is not taken until the numbers have come near, so that nobody can use them up at once.
@@ -12,13 +14,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Final
 
 import msgspec
 
 from mission.geometry.formation import Layout, rotated
 from mission.geometry.frames import Vector3
-from mission.strategies.contract import Order
+from mission.strategies.contract import Order, Stage
 from mission.tree.slot_registers import STRIDE, SlotRegister
+
+ENDS: Final = (Stage.FOUND, Stage.GIVE_UP)
+"""After such an order the survey is over."""
 
 
 class Orders:
@@ -73,6 +79,7 @@ def stopped_anchor(
     return north_m, east_m, order.anchor_ned_m[2]
 
 
-def _authority(order: Order, ordered_by: SlotRegister, root: SlotRegister) -> tuple[bool, int, bytes]:
+def _authority(order: Order, ordered_by: SlotRegister, root: SlotRegister) -> tuple[bool, bool, int, bytes]:
     """Which of two orders counts; of two that a liar made equal any, but for everybody the same."""
-    return ordered_by == root, order.sequence, msgspec.msgpack.encode((order, ordered_by))
+    ends = order.stage in ENDS and ordered_by.version <= root.version
+    return ends, ordered_by == root, order.sequence, msgspec.msgpack.encode((order, ordered_by))

@@ -50,6 +50,10 @@ class SurveyChoice:
             if now_s - flown.heard_s >= FORGOTTEN_S:
                 del self._flown[drone]
 
+    def differ(self, survey: str) -> bool:
+        """Whether somebody flies another survey than this."""
+        return any(flown.told.survey != survey for flown in self._flown.values())
+
     def foremost(self, survey: str, epoch: int, order: Order | None) -> TableState | None:
         """What is told of the survey that has come further than this drone's own, `survey`; None if none has."""
         best: TableState | None = None

@@ -23,7 +23,7 @@ import msgspec
 
 from flightstack.swarm.membership import Membership
 from flightstack.swarm.news import TreeNews
-from flightstack.swarm.orders import Orders, stopped_anchor
+from flightstack.swarm.orders import ENDS, Orders, stopped_anchor
 from flightstack.swarm.peers import PeerFacts
 from flightstack.swarm.reading_relay import ReadingRelay
 from flightstack.swarm.survey_choice import SurveyChoice
@@ -162,7 +162,7 @@ class SwarmTable:
     @property
     def is_over(self) -> bool:
         """Whether everybody is on the way home, so that nobody is missed any more."""
-        return self.order is not None and self.order.stage in (Stage.FOUND, Stage.GIVE_UP)
+        return self.order is not None and self.order.stage in ENDS
 
     @property
     def order(self) -> Order | None:
@@ -286,7 +286,8 @@ class SwarmTable:
     def _join_the_foremost(self, now_s: float) -> bool:
         """Take part in the survey that has come further than this drone's own: in the slot that it has there, or, if
         it was counted out, in whatever slot it gets once it says `rejoin`."""
-        told = self._surveys.foremost(self.survey or "", self.epoch, self.order)
+        own = self.survey or ""
+        told = self._surveys.foremost(own, self.epoch, self.order) if self._surveys.differ(own) else None
         if told is None:
             return False
         self.begin(now_s, told.survey, self._start_ned_m, takes_part=self._drone not in told.absent)

@@ -82,7 +82,8 @@ class LossyLink:
             return [self._in_order_s(now_s + conditions.delay_s, delivery)]
         draw = self._random.random
         lost, repeated, overtaken = draw(), draw(), draw()
-        jitter_s = self._random.expovariate(1.0) * conditions.jitter_s
+        late = draw()
+        jitter_s = -math.log(1.0 - late) * conditions.jitter_s if conditions.jitter_s else 0.0
         due_s = now_s + conditions.delay_s + jitter_s
         if delivery is Delivery.RELIABLE:
             if loss == 1.0:

@@ -84,4 +84,5 @@ def test_a_fence_that_is_turned_on_in_the_air_is_noticed_within_seconds() -> Non
     parameters.set("FENCE_ENABLE", 0.0)
     assert flight.run_until(lambda: len(told(flight, "astray")) == 2, 60.0)
     assert told(flight, "astray")[-1] == (victim, "goes where it is sent again")
+    flight.run(0.5)  # its next state
     assert flight.states[victim].astray == ""

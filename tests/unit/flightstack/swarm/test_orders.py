@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import msgspec
 import pytest
 
 from flightstack.swarm.orders import Orders, stopped_anchor
@@ -32,6 +33,27 @@ def test_any_order_counts_until_the_standing_root_has_given_one() -> None:
     assert orders.order == order(3)
     orders.offer(order(1), ROOT, ROOT)
     assert orders.order == order(1)
+
+
+@pytest.mark.parametrize("end", [Stage.FOUND, Stage.GIVE_UP])
+@pytest.mark.parametrize("heir_first", [True, False])
+def test_the_end_of_a_survey_stands_also_when_its_root_has_been_replaced(
+    end: Stage, heir_first: bool
+) -> None:
+    """The root goes home as soon as it has ordered that; who hears its departure first must not search on."""
+    told = [(msgspec.structs.replace(order(3), stage=end), BEFORE), (order(9), ROOT)]
+    orders = Orders()
+    for one, by in reversed(told) if heir_first else told:
+        orders.offer(one, by, ROOT)
+    assert orders.order is not None
+    assert orders.order.stage is end
+
+
+def test_an_end_by_a_claim_that_nobody_knows_counts_for_no_more_than_another_order() -> None:
+    orders = Orders()
+    orders.offer(order(3), ROOT, ROOT)
+    orders.offer(msgspec.structs.replace(order(9), stage=Stage.FOUND), SlotRegister(7, 3, 5), ROOT)
+    assert orders.order == order(3)
 
 
 @pytest.mark.parametrize("number", [STRIDE + 10, 2**31 - 1])
