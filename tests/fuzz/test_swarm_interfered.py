@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import random
 from collections.abc import Callable
 from typing import Any
 
@@ -12,13 +13,16 @@ import pytest
 from interference import A_BATTERY, FAMILIES, Air, Growth, Wire, hovering
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flightstack.agent import Agent, Inputs, Outputs
+from flightstack.agent import Agent, Inputs, Outputs, PeerMessage
 from flightstack.mavlink.framing import V2_MAGIC, FrameFinder
 from flightstack.swarm import topics
 from flightstack.swarm.wire import (
     Phase,
 )
 from simvehicle.scenario.swarm import Scenario
+
+RECORDED_AT_MOST = 5000
+"""Messages of a recording that is said again; later ones take the places of earlier ones."""
 
 
 class Interfered:
@@ -149,6 +153,34 @@ def test_one_wrong_payload_a_second_of_the_own_autopilot_moves_nobody(cases: int
 
 
 HEARD = tuple(topic.name for topic in topics.RECEIVED_BY_DRONES)
+
+
+@pytest.mark.parametrize("flavour", ["ardupilot", "px4"])
+def test_what_was_said_before_changes_nothing_said_again_or_in_anothers_name(
+    cases: int, flavour: str
+) -> None:
+    """Everything that anybody said since the start, again and again, by its sender and by others, in any order."""
+    flight = hovering(flavour)
+    rng, a_tick = random.Random(f"before {flavour}"), 20 if cases < 1000 else 200
+    recorded: list[PeerMessage] = []
+
+    def add(_drone: int, inputs: Inputs) -> Inputs:
+        for message in inputs.peers:
+            if len(recorded) < RECORDED_AT_MOST:
+                recorded.append(message)
+            else:
+                recorded[rng.randrange(RECORDED_AT_MOST)] = message
+        added = [
+            PeerMessage(said.topic, rng.choice(("1", "2", "3")), said.payload) if rng.random() < 0.3 else said
+            for said in rng.choices(recorded, k=a_tick)
+        ] if recorded else []  # fmt: skip
+        peers = [*inputs.peers, *added]
+        return Inputs(inputs.autopilot, inputs.ports, tuple(peers), inputs.late_ticks)
+
+    watch = interfere(flight, FAMILIES * cases // 4, a_tick, add)
+    assert flight.phases() == {Phase.HOLDING}
+    assert watch.farthest_m < 1.5
+    assert {drone for table in flight.tables.values() for drone in table.held} == {1, 2, 3}
 
 
 @pytest.mark.parametrize("flavour", ["ardupilot", "px4"])
