@@ -6,10 +6,10 @@ SURVEY ?= examples/survey.yaml
 STAMP := $(VENV)/.installed
 
 .DEFAULT_GOAL := help
-.PHONY: help setup fly test check long bench format lock clean
+.PHONY: help setup fly test check long transcripts bench format lock clean
 
 help: ## list the targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 $(STAMP): pyproject.toml requirements.lock
 	$(PYTHON) -c 'import sys; sys.exit("flightstack needs Python 3.11 or newer: make PYTHON=/path/to/python3.11 ...") if sys.version_info < (3, 11) else None'
@@ -35,6 +35,9 @@ test: $(STAMP) ## all tests, with real processes, sockets and clients
 
 long: $(STAMP) ## damaged files and messages by the million, and other tests that take hours
 	$(BIN)/python -m pytest tests -m long -n 2 --timeout 21600 --durations 0
+
+transcripts: $(STAMP) ## fly the named scenarios and write their transcripts anew, for review
+	for file in tests/data/scenarios/*.yaml; do $(BIN)/simvehicle scenario run $$file --transcript $${file%.yaml}.txt; done
 
 bench: $(STAMP) ## the figures of the documentation, measured on this machine
 	$(BIN)/python -m benchmarks

@@ -22,7 +22,7 @@ from flightstack.flight.layers import layers_of
 from flightstack.flight.leaving import Leaving, LeavingFacts
 from flightstack.flight.obedience import Obedience
 from flightstack.flight.phase import Ask, FlightPhase, PhaseStep
-from flightstack.flight.slot_transfer import SlotStep, SlotTransfer
+from flightstack.flight.slot_transfer import SlotStep, SlotTransfer, is_awaited
 from flightstack.flight.stage_bounds import StageBounds, StageEnd, ended
 from flightstack.flight.strategy_call import consult
 from flightstack.flight.transitions import IN_FORMATION, IllegalTransitionError
@@ -46,7 +46,6 @@ from mission.strategies.contract import (
     Intent,
     Observation,
     OwnState,
-    Stage,
     Strategy,
     TreePlace,
 )
@@ -84,6 +83,8 @@ class AgentStatus(msgspec.Struct, frozen=True, kw_only=True):
     """What keeps the autopilot from being armed, in words; empty if nothing does."""
     comes_second: bool
     """Another agent that was running before this one says that it is this drone."""
+    place: TreePlace
+    """Its place in the swarm's tree, and the tree, as it knows them in this tick."""
 
 
 class Outputs(msgspec.Struct, frozen=True):
@@ -201,7 +202,7 @@ class Agent:
             vehicle,
             sensed,
             place,
-            self._is_awaited(phase.phase, swarm, slot),
+            is_awaited(phase.phase, swarm.place.slot, swarm.order, slot),
             self._best_ppm,
             guarded.held_by if guarded else (),
             self._ticks + inputs.late_ticks,  # that were due, whether they were held or missed
@@ -219,15 +220,9 @@ class Agent:
             steerable=vehicle.mode_ours,
             waiting_for=vehicle.ready_reason,
             comes_second=self._swarm.comes_second(self._ticks),
+            place=place,
         )
         return Outputs(self._session.step(now_s), sensed.to_ports, told.messages, told.events, status)
-
-    def _is_awaited(self, phase: Phase, swarm: SwarmView, slot: SlotStep) -> bool:
-        """Whether the swarm holds for this drone: it flies to a slot in a formation that is on its way."""
-        joins = phase is Phase.FORMING and swarm.place.slot >= 0
-        return slot.transferring or (
-            joins and swarm.order is not None and swarm.order.stage is not Stage.FORM
-        )
 
     def _storage_notes(self, storage: str) -> list[Note]:
         """What is new about the recording."""
@@ -333,7 +328,9 @@ class Agent:
             stuck=self._homecoming.stuck,
             must_return=self._leaving.step(now_s, leaving) or end.leaves,
             overdue=end.lands,
-            parted=swarm.part is Part.SMALLER,
+            parted=swarm.part is Part.SMALLER and not end.leaves,
+            handed_over=swarm.handed_over,
+            in_haste=self._leaving.in_haste(vehicle.battery_fraction),
             flies_on=swarm.flies_on,
             has_twin=swarm.has_twin,
         )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import logging
-import random
+import pathlib
 import time
 from collections.abc import Callable
 
@@ -21,6 +21,7 @@ from flightstack.config import DroneConfig
 from flightstack.deadlines import Deadlines
 from flightstack.recording.agent_recording import AgentRecording
 from flightstack.recording.clock import Clock, make_clock
+from flightstack.recording.start_number import next_start
 from flightstack.shell import Shell, open_shell
 from flightstack.stop_signals import StopSignals
 from flightstack.swarm.topics import COMMAND
@@ -44,7 +45,7 @@ def run(config: DroneConfig, *, file: str = "configuration") -> int:
     stop = StopSignals()
     stop.install()
     clock = make_clock(config.speedup, config.clock)
-    incarnation = random.SystemRandom().getrandbits(31)
+    incarnation = next_start(pathlib.Path(config.record_to), f"drone-{config.drone}")
     agent = Agent(config, incarnation=incarnation)
     with contextlib.ExitStack() as opened:
         shell = open_shell(config, clock, file)

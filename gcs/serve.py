@@ -6,7 +6,6 @@ import contextlib
 import datetime
 import logging
 import pathlib
-import random
 import time
 from collections.abc import Iterator
 
@@ -16,6 +15,7 @@ from flightstack.mavlink.signing_store import SigningKeyError, SigningStore
 from flightstack.recording.background_file import make_directory
 from flightstack.recording.clock import Clock, make_clock
 from flightstack.recording.recorder import FlightRecorder, RecordingError, TlogWriter
+from flightstack.recording.start_number import next_start
 from flightstack.stop_signals import StopSignals
 from flightstack.swarm.wire import Severity
 from flightstack.transport import Transport, TransportError
@@ -90,9 +90,9 @@ def serve(config: GroundConfig, file: pathlib.Path) -> int:
     stop = StopSignals()
     stop.install()
     clock = make_clock(config.speedup, config.clock)
-    incarnation = random.SystemRandom().randrange(1, 1 << 31)
-    station = Station(config, load_fence(config, file), clock.now_s(), incarnation=incarnation)
     directory = _directory(config, file)
+    incarnation = next_start(directory, config.station)
+    station = Station(config, load_fence(config, file), clock.now_s(), incarnation=incarnation)
     with contextlib.ExitStack() as opened:
         links: list[ByteLink] = []
         for link in _open_links(config, file):

@@ -5,6 +5,7 @@ Like the agent's, it is deterministic in its arguments: the sockets, files and t
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -105,7 +106,8 @@ class Station:
         self._texts = VehicleTexts()
         self._signers: set[int] = set()
         self._sent_s: dict[str, float] = {}
-        self._sequence = 0
+        self._counts: Counter[str] = Counter()
+        """Messages told, by topic."""
 
     def step(
         self, now_s: float, peers: Sequence[Received], links: Sequence[bytes], storage: str = ""
@@ -274,14 +276,15 @@ class Station:
             for index, codec in enumerate(self._codecs):
                 self._writes[index] += codec.encode(heartbeat(mavlink.MAV_TYPE_GCS, self._incarnation))
         if self._due(now_s, topics.GROUND.name, topics.GROUND.rate_hz):
-            self._sequence += 1
             system = self.config.mavlink.system if self.config.mavlink.links else 0
-            self._publish.append((topics.GROUND, GroundBeat(self.config.station, self._sequence, system)))
+            beat = GroundBeat(self.config.station, self._number(topics.GROUND), system, self._incarnation)
+            self._publish.append((topics.GROUND, beat))
         if self._due(now_s, topics.REPORT.name, topics.REPORT.rate_hz):
             self._publish.append((topics.REPORT, self._report(now_s)))
         traffic = self._traffic(now_s)
         if traffic and self._due(now_s, topics.TRAFFIC.name, topics.TRAFFIC.rate_hz):
-            message = Traffic(self.config.station, self.frame.identity, traffic)
+            number = self._number(topics.TRAFFIC)
+            message = Traffic(self.config.station, self.frame.identity, traffic, self._incarnation, number)
             self._publish.append((topics.TRAFFIC, message))
             self._timeline.append(TimelineEntry(f"/traffic/{self.config.station}", message))
 
@@ -329,11 +332,14 @@ class Station:
         self._frames.append(Frame(target.system, frame))
 
     def _event(self, severity: Severity, drone: int, code: str, text: str) -> None:
-        self._sequence += 1
-        event = Event(drone, self._sequence, severity, code, text)
+        event = Event(drone, self._number(topics.EVENT), severity, code, text, self._incarnation)
         self._publish.append((topics.EVENT, event))
         self._timeline.append(TimelineEntry(f"/event/{self.config.station}", event))
         self._log.append((severity, f"drone {drone}: {code}: {text}" if drone else f"{code}: {text}"))
+
+    def _number(self, topic: Topic) -> int:
+        self._counts[topic.name] += 1
+        return self._counts[topic.name]
 
     def _due(self, now_s: float, name: str, rate_hz: float | None) -> bool:
         last_s = self._sent_s.get(name)

@@ -49,6 +49,10 @@ class SwarmFacts(msgspec.Struct, frozen=True):
     """Why the way home must end where the drone is, empty if it need not."""
     parted: bool = False
     """It must return because the swarm has come apart, and this is the smaller part."""
+    handed_over: bool = False
+    """It has announced that it leaves, and its heir has claimed its slot."""
+    in_haste: bool = False
+    """What is left in its battery does not let it wait for its heir."""
     flies_on: bool = False
     """Others that take part in the survey are heard steadily."""
     has_twin: bool = False

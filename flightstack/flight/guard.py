@@ -17,7 +17,8 @@ import msgspec
 
 from flightstack.config import LimitsConfig
 from flightstack.flight.columns import columns
-from flightstack.flight.guidance import CORRIDOR_M, horizontal_m, whereabouts
+from flightstack.flight.guidance import CORRIDOR_M, HOVERS_MPS, horizontal_m, stays, stretch, whereabouts
+from flightstack.flight.way_around import Room, Way, WayAround
 from flightstack.swarm.peers import FRESH_S
 from mission.geometry.frames import Vector3
 from mission.geometry.geofence import LocalFence
@@ -36,6 +37,15 @@ AGEING_MPS = 0.5
 """How fast the room around a silent neighbour grows with the age of what it last said."""
 
 AGEING_LIMIT_M = 1.0
+
+LEVEL_M = 2.0
+"""A target this near to the drone's own altitude is in the rooms that are in its way here."""
+
+PASSING_MPS = 2.0
+"""How fast a corner of the way around something is passed."""
+
+SWAYS_MPS = 1.5
+"""What is gone around already may move so fast for a moment, in a gust, and is still gone around."""
 
 STATION_M = 0.5
 """Nearer than this to an unopposed target, the autopilot's own position controller keeps the station."""
@@ -66,12 +76,14 @@ def braking_speed_mps(distance_m: float, acceleration_mps2: float) -> float:
 
 
 class Guard:
-    """One drone's guard. `apply` is called once a tick; its only memory is the point that a Hold holds."""
+    """One drone's guard. `apply` is called once a tick; it remembers the point that a Hold holds, and the way around
+    what hovers."""
 
     def __init__(self, limits: LimitsConfig, fence: LocalFence | None) -> None:
         self._limits = limits
         self._fence = fence
         self._held_ned_m: Vector3 | None = None
+        self._way = WayAround(fence, limits.fence_margin_m)
 
     def apply(
         self,
@@ -95,6 +107,8 @@ class Guard:
             return self._stop("a position, velocity or target is not a number")
         held_by: list[str] = []
         target: Vector3 | None = None
+        around: frozenset[int] = frozenset()
+        station = False
         match intent:
             case Hold():
                 target = self._held_ned_m = self._held_ned_m or _stopping_point(
@@ -111,13 +125,16 @@ class Guard:
             speed_mps = limits.speed_mps
             if isinstance(intent, GoTo) and intent.speed_mps is not None:
                 speed_mps = min(speed_mps, intent.speed_mps)
-            velocity = self._towards(position_ned_m, target, speed_mps)
+            way = self._way_to(position_ned_m, target, neighbours, held_by)
+            around, station = self._way.avoids, way.last
+            target = (*way.point_m, target[2])
+            velocity = self._towards(position_ned_m, target, speed_mps, passing=not way.last)
         wanted_velocity = velocity
-        velocity = self._keep_apart(position_ned_m, velocity, neighbours, home_ned_m, held_by)
+        velocity = self._keep_apart(position_ned_m, velocity, neighbours, home_ned_m, around, held_by)
         velocity = self._keep_band(position_ned_m, velocity, held_by)
         velocity = self._keep_inside(position_ned_m, velocity, held_by)
         velocity = self._capped(velocity, limits.speed_mps)
-        near = target is not None and math.dist(position_ned_m, target) < STATION_M
+        near = station and target is not None and math.dist(position_ned_m, target) < STATION_M
         if near and target is not None and velocity == wanted_velocity:
             return Guarded(PositionTarget(target), tuple(held_by))
         return Guarded(VelocityTarget(velocity), tuple(held_by))
@@ -139,11 +156,46 @@ class Guard:
             held_by.append("the target lies outside the altitude band")
         return north_m, east_m, down_m
 
-    def _towards(self, position: Vector3, target: Vector3, speed_mps: float) -> Vector3:
+    def _way_to(
+        self, position: Vector3, target: Vector3, neighbours: Sequence[Neighbour], held_by: list[str]
+    ) -> Way:
+        """Around the rooms of those that hover here and make way for nobody."""
+        rooms = []
+        for other in neighbours:
+            if not stays(other, SWAYS_MPS if other.drone in self._way.avoids else HOVERS_MPS):
+                continue
+            (*from_m, from_down_m), (*to_m, to_down_m) = stretch(other)
+            below_m = max(
+                min(from_down_m, to_down_m) - position[2], position[2] - max(from_down_m, to_down_m), 0.0
+            )
+            room_m = self._room_m(other)
+            if below_m < room_m:
+                radius_m = math.sqrt(room_m**2 - below_m**2)
+                rooms.append(Room(other.drone, (from_m[0], from_m[1]), (to_m[0], to_m[1]), radius_m))
+        level = abs(target[2] - position[2]) < LEVEL_M
+        way = self._way.step(position[:2], target[:2], rooms, level=level)
+        if way.around:
+            names = f"drone{'s' * (len(way.around) > 1)} {', '.join(map(str, way.around))}"
+            held_by.append(
+                f"as near to the target as {names} allows" if way.shifted else f"goes around {names}"
+            )
+        return way
+
+    def _room_m(self, other: Neighbour) -> float:
+        """How near to a neighbour no drone may come; of an old position less is known."""
+        ageing_m = min(AGEING_MPS * other.age_s, AGEING_LIMIT_M)
+        return self._limits.separation_m + SEPARATION_MARGIN_M + ageing_m
+
+    def _towards(
+        self, position: Vector3, target: Vector3, speed_mps: float, *, passing: bool = False
+    ) -> Vector3:
         limits = self._limits
         north_m, east_m = target[0] - position[0], target[1] - position[1]
         distance_m = math.hypot(north_m, east_m)
-        horizontal_mps = min(speed_mps, braking_speed_mps(distance_m, limits.acceleration_mps2))
+        at_target_mps = PASSING_MPS if passing else 0.0
+        horizontal_mps = min(
+            speed_mps, braking_speed_mps(distance_m, limits.acceleration_mps2) + at_target_mps
+        )
         scale = horizontal_mps / distance_m if distance_m > 1e-6 else 0.0
         down_m = target[2] - position[2]
         vertical_mps = min(
@@ -158,11 +210,13 @@ class Guard:
         velocity: Vector3,
         neighbours: Sequence[Neighbour],
         home: Vector3 | None,
+        around: frozenset[int],
         held_by: list[str],
     ) -> Vector3:
-        """Limit how fast the drone closes in on each neighbour; step aside to the right where they would block."""
+        """Limit how fast the drone closes in on each neighbour; step aside to the right where they would block, but
+        for those that its way leads around."""
         limits = self._limits
-        near: list[tuple[Vector3, float, float, int]] = []
+        near: list[tuple[Vector3, float, float, int, bool]] = []
         least_m = limits.separation_m + SEPARATION_MARGIN_M
         # There the others keep out of the way, and who is blocked there comes down where they do not.
         over_home = home is not None and horizontal_m(position, home) < 2.0 * CORRIDOR_M
@@ -170,27 +224,27 @@ class Guard:
         for drone, place, room_m in columns(neighbours, position, home, least_m):
             distance_m, towards = _direction(position, place, (1.0, 0.0, 0.0))
             allowed_mps = braking_speed_mps(distance_m - room_m, limits.acceleration_mps2)
-            near.append((towards, allowed_mps, distance_m - room_m, drone))
+            near.append((towards, allowed_mps, distance_m - room_m, drone, True))
         for other in neighbours:
             if not other.airborne:
                 continue
             distance_m, towards = _direction(position, whereabouts(other, position), (0.0, 0.0, 1.0))
             if distance_m > reach_m:
                 continue
-            room_m = least_m + (0.0 if over_home else min(AGEING_MPS * other.age_s, AGEING_LIMIT_M))
+            room_m = least_m if over_home else self._room_m(other)
             approaching_mps = (
                 min(0.0, _dot(other.velocity_ned_mps, towards)) if other.age_s < FRESH_S else 0.0
             )
             allowed_mps = braking_speed_mps(distance_m - room_m, limits.acceleration_mps2) + approaching_mps
-            near.append((towards, allowed_mps, distance_m - room_m, other.drone))
+            near.append((towards, allowed_mps, distance_m - room_m, other.drone, other.drone not in around))
         for _ in range(3):
-            for towards, allowed_mps, spare_m, drone in near:
+            for towards, allowed_mps, spare_m, drone, aside in near:
                 closing_mps = _dot(velocity, towards)
                 if closing_mps <= allowed_mps:
                     continue
                 excess_mps = closing_mps - allowed_mps
                 velocity = _minus(velocity, towards, excess_mps)
-                if spare_m < 2.0 and closing_mps > 0.0:
+                if aside and spare_m < 2.0 and closing_mps > 0.0:
                     velocity = _sidestep(velocity, towards, min(0.5 * closing_mps, 1.0))
                 text = f"kept apart from drone {drone}"
                 if text not in held_by:

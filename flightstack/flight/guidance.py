@@ -50,6 +50,15 @@ COAST_S = 4.0
 """How long a vehicle may fly on after its agent's last word: ArduPilot follows a velocity for 3 s, then brakes."""
 
 
+def stretch(other: Neighbour) -> tuple[Vector3, Vector3]:
+    """The ends of the stretch on which a neighbour is now: both the same, but for one that fell silent on its way."""
+    position, velocity = other.position_ned_m, other.velocity_ned_mps
+    ends = (other.age_s,) * 2 if other.age_s <= FRESH_S else (0.0, min(other.age_s, COAST_S))
+    (n, e, d), (north_mps, east_mps, down_mps) = position, velocity
+    first, last = ((n + north_mps * s, e + east_mps * s, d + down_mps * s) for s in ends)
+    return first, last
+
+
 def whereabouts(other: Neighbour, seen_from_ned_m: Vector3) -> Vector3:
     """Where a neighbour is now; of the places where one that fell silent can have come to rest, the nearest."""
     position, (north_mps, east_mps, down_mps) = other.position_ned_m, other.velocity_ned_mps
@@ -78,9 +87,9 @@ HOVERS_MPS = 0.5
 """Slower than this a vehicle stays where it is; one that passes a column, or lands beside it, is soon gone."""
 
 
-def _stays(other: Neighbour) -> bool:
+def stays(other: Neighbour, hovers_mps: float = HOVERS_MPS) -> bool:
     """Will it still be there when we come, for all that is known?"""
-    moves = other.age_s <= FRESH_S and math.hypot(*other.velocity_ned_mps) > HOVERS_MPS
+    moves = other.age_s <= FRESH_S and math.hypot(*other.velocity_ned_mps) > hovers_mps
     return other.airborne and other.adrift and not moves
 
 
@@ -92,7 +101,7 @@ def column_free(point_ned_m: Vector3, neighbours: Sequence[Neighbour], room_m: f
         )
         >= room_m
         for other in neighbours
-        if _stays(other)
+        if stays(other)
     )
 
 

@@ -10,6 +10,9 @@ from flightstack.swarm.parting import GOES_HOME_BECAUSE, Part
 from mission.geometry.frames import Vector3
 from mission.geometry.geofence import LocalFence
 
+HASTE_SHARE = 0.8
+"""Of `limits.battery_return_fraction`: with less than that a drone waits for nobody before it goes home."""
+
 BATTERY_SAG_S = 3.0
 """How long the battery must be low: a sag under load is not an empty battery."""
 
@@ -46,6 +49,11 @@ class Leaving:
         if facts.armed and facts.part is Part.SMALLER:
             return GOES_HOME_BECAUSE
         return battery or self._ground(now_s, facts.ground_heard_s)
+
+    def in_haste(self, battery_fraction: float | None) -> bool:
+        """Whether the battery does not let it wait for its heir."""
+        lowest = HASTE_SHARE * self._limits.battery_return_fraction
+        return battery_fraction is not None and battery_fraction < lowest
 
     def _battery(self, now_s: float, fraction: float | None) -> str:
         lowest = self._limits.battery_return_fraction

@@ -14,8 +14,9 @@ from collections.abc import Sequence
 import msgspec
 
 from flightstack.flight.facts import SwarmFacts, VehicleFacts
+from flightstack.flight.taking_part import TakingPart, Turn
 from flightstack.flight.transitions import (
-    IN_FORMATION,
+    HANDS_OVER,
     IN_THE_AIR,
     STEERING,
     TRANSITIONS,
@@ -24,7 +25,6 @@ from flightstack.flight.transitions import (
 )
 from flightstack.swarm.news import Note
 from flightstack.swarm.wire import TAKING_PART, Command, CommandName, CommandOutcome, Phase, Result, Severity
-from mission.strategies.contract import Stage
 
 DOWN_S = 3.0
 """How long a vehicle in formation may seem disarmed before it counts as down: heartbeats come once a second."""
@@ -37,12 +37,8 @@ TAKES_CONTROL = frozenset(
 )
 """The events after which our mode is asked for: until it has come, it is not lost."""
 
-SLOTLESS_S = 1.0
-"""How long a drone in formation may be without a slot before it counts as put out: two that claim one slot settle it
-sooner."""
-
-NO_SLOT_S = 60.0
-"""How long one in the air waits for a slot before it goes home."""
+_IN_THE_SWARM = HANDS_OVER | {Phase.FORMING, Phase.LEAVING}
+"""The phases in which what the swarm does decides about this drone."""
 
 DOWNWARDS = frozenset({CommandName.ABORT, CommandName.RTL, CommandName.LAND})
 """The commands that bring a drone to the ground."""
@@ -96,9 +92,7 @@ class FlightPhase:
         self._taken_before = ""
         """How authority had been lost when we asked; a text may add to it later."""
         self._down_since_s: float | None = None
-        self._slotless_since_s: float | None = None
-        self._may_rejoin = False
-        """It goes home only because it was cut off from the swarm."""
+        self._part = TakingPart()
         self._had_crashed_with_pilot = False
         self._wreck_was_disarmed = False
         self._answered: dict[str, CommandOutcome] = {}
@@ -155,7 +149,7 @@ class FlightPhase:
             obeyed = self._obeyed_already(command.name, vehicle)
             reason = "" if obeyed else self._refusal(command, vehicle, swarm)
             if not reason and not obeyed:
-                self._obey(now_s, command.name, vehicle)
+                self._obey(now_s, command, vehicle)
             result = Result.REFUSED if reason else Result.ACCEPTED
             reason = reason or obeyed
             outcome = CommandOutcome(command.identity, self._drone, result, reason)
@@ -165,7 +159,8 @@ class FlightPhase:
                 "command",
                 f"{command.name} from {command.sender}: {outcome.result}" + (f": {reason}" if reason else ""),
             )
-            if command.name is CommandName.START and self.phase is not before:
+            begins = command.name is CommandName.START or before is Phase.DISARMED
+            if begins and self.phase in TAKING_PART and self.phase is not before:
                 self._started = command.identity
         self._outcomes.append(outcome)
 
@@ -191,6 +186,8 @@ class FlightPhase:
                     return ""
                 if to is None or not vehicle.airborne:
                     return f"nothing to resume: the drone is {self.phase}"
+                if self.phase is Phase.DISARMED:
+                    return self._why_not_join(swarm)
             case CommandName.ABORT | CommandName.RTL | CommandName.LAND:
                 if self.phase is not Phase.ARMING and not vehicle.airborne and not vehicle.armed:
                     return "the autopilot does not answer: check its link and power"
@@ -204,24 +201,38 @@ class FlightPhase:
         if to is None:
             return f"already {self.phase}"
         if vehicle.armed:
-            return f"the vehicle is armed in {vehicle.mode}: disarm it first"
+            resume = ", or resume it" if self.phase is Phase.DISARMED and vehicle.airborne else ""
+            return f"the vehicle is armed in {vehicle.mode}: disarm it first{resume}"
         if vehicle.crash:
             return f"it has crashed ({vehicle.crash}): look at it, then restart its autopilot"
         if swarm.has_twin:
-            return f"another agent says that it is drone {self._drone} too: stop one of them"
+            return self._twin_words()
         return swarm.must_return
 
-    def _obey(self, now_s: float, name: CommandName, vehicle: VehicleFacts) -> None:
-        why = WHY[name]
+    def _why_not_join(self, swarm: SwarmFacts) -> str:
+        """Why an agent that was restarted in the air does not join what the others fly."""
+        if swarm.has_twin:
+            return self._twin_words()
+        nobody = "" if swarm.flies_on else "no survey that it could join is heard: use abort, rtl or land"
+        return nobody or swarm.must_return
+
+    def _twin_words(self) -> str:
+        return f"another agent says that it is drone {self._drone} too: stop one of them"
+
+    def _obey(self, now_s: float, command: Command, vehicle: VehicleFacts) -> None:
+        name = command.name
+        event, why = FlightEvent(name), WHY[name]
         self._taken_before = vehicle.taken_reason
-        self._may_rejoin = False
+        self._part.obey()
         if name in DOWNWARDS:
             if self.phase is Phase.ARMING:
                 self._prompt = Ask.DISARM if vehicle.armed else None
                 why = f"start cancelled: {name} by command"
             elif name is not CommandName.ABORT:
                 self._prompt = Ask.RETURN if name is CommandName.RTL else Ask.LAND
-        self._happen(now_s, FlightEvent(name), why)
+            elif command.target == self._drone and self.phase in HANDS_OVER:
+                event, why = FlightEvent.LEAVE, "by command: the others go on"
+        self._happen(now_s, event, why)
 
     def _remember(self, outcome: CommandOutcome) -> None:
         self._answered[outcome.command] = outcome
@@ -251,8 +262,8 @@ class FlightPhase:
                     self._happen(now_s, FlightEvent.DOWN, "on the ground, disarmed")
             case Phase.CRASHED:
                 self._crashed(now_s, vehicle)
-        if self.phase in TAKING_PART - {Phase.ARMING, Phase.TAKEOFF}:
-            self._follow_the_swarm(now_s, swarm)
+        if self.phase in _IN_THE_SWARM:
+            self._take(now_s, self._part.step(now_s, self.phase, swarm))
             self._notice_the_ground(now_s, vehicle)
 
     def _follow_the_failsafe(self, now_s: float, vehicle: VehicleFacts) -> None:
@@ -301,8 +312,8 @@ class FlightPhase:
     def _returning(self, now_s: float, vehicle: VehicleFacts, swarm: SwarmFacts) -> None:
         if not vehicle.armed and not vehicle.airborne:
             self._happen(now_s, FlightEvent.DOWN, "on the ground, disarmed")
-        elif self._may_rejoin and swarm.flies_on and not swarm.must_return:
-            self._happen(now_s, FlightEvent.REJOIN, "it hears the swarm again", code="rejoin")
+        elif turn := self._part.step(now_s, self.phase, swarm):
+            self._take(now_s, turn)
         elif swarm.over_home:
             self._happen(now_s, FlightEvent.OVER_HOME, "over home")
         elif swarm.stuck or swarm.overdue:
@@ -320,46 +331,13 @@ class FlightPhase:
         why = "it did not crash, it flies on, out of the survey: rtl brings it home"
         self._happen(now_s, event, why, Severity.CRITICAL, "crash")
 
-    def _follow_the_swarm(self, now_s: float, swarm: SwarmFacts) -> None:
-        stage = swarm.order.stage if swarm.order else None
-        if swarm.member:
-            self._slotless_since_s = None
-        if swarm.must_return:
-            self._go_home(now_s, swarm.must_return, may_rejoin=swarm.parted)
-        elif stage is Stage.FOUND:
-            self._happen(now_s, FlightEvent.GO_HOME, "the source is found")
-        elif stage is Stage.GIVE_UP:
-            self._happen(
-                now_s,
-                FlightEvent.GO_HOME,
-                "the survey is given up: no source was found in its area or its time",
-            )
-        elif self.phase is Phase.FORMING and swarm.formed_up:
-            event = FlightEvent.TRACK if stage is Stage.TRACK else FlightEvent.SEARCH
-            self._happen(now_s, event, "in formation")
-        elif not swarm.member:
-            self._wait_for_a_slot(now_s)
-        elif self.phase is Phase.SEARCHING and stage is Stage.TRACK:
-            self._happen(now_s, FlightEvent.TRACK, "following the plume")
-        elif self.phase is Phase.TRACKING and stage is Stage.SEARCH:
-            self._happen(now_s, FlightEvent.SEARCH, "plume lost")
-
-    def _wait_for_a_slot(self, now_s: float) -> None:
-        if self._slotless_since_s is None:
-            self._slotless_since_s = now_s
-        elif now_s - self._slotless_since_s > NO_SLOT_S:
-            self._go_home(now_s, f"no slot in the swarm for {NO_SLOT_S:.0f} s", may_rejoin=False)
-        elif now_s - self._slotless_since_s > SLOTLESS_S and self.phase in IN_FORMATION:
-            why = "its slot was given away, it takes the next free one"
-            self._happen(now_s, FlightEvent.REJOIN, why, code="rejoin")
-
-    def _go_home(self, now_s: float, why: str, *, may_rejoin: bool) -> None:
-        self._happen(now_s, FlightEvent.GO_HOME, why, Severity.WARNING, "leaving")
-        self._may_rejoin = may_rejoin
+    def _take(self, now_s: float, turn: Turn | None) -> None:
+        if turn is not None:
+            self._happen(now_s, turn.event, turn.why, turn.severity, turn.code)
 
     def _notice_the_ground(self, now_s: float, vehicle: VehicleFacts) -> None:
         """A drone that fell, or was disarmed, takes no part any more: the others must hear that it left."""
-        if self.phase not in TAKING_PART or vehicle.armed or vehicle.airborne or not vehicle.connected:
+        if self.phase not in _IN_THE_SWARM or vehicle.armed or vehicle.airborne or not vehicle.connected:
             self._down_since_s = None
         elif self._down_since_s is None:
             self._down_since_s = now_s
@@ -410,9 +388,6 @@ class FlightPhase:
         self._follows_failsafe = event in (FlightEvent.FAILSAFE_RETURNS, FlightEvent.FAILSAFE_LANDS)
         if self.phase is before:
             return
-        self._may_rejoin = False
-        if before not in TAKING_PART:
-            self._slotless_since_s = None
         if event in TAKES_CONTROL:
             self._control_since_s = now_s
         if why is not None:

@@ -15,6 +15,7 @@ from flightstack.flight.transitions import IN_FORMATION
 from flightstack.swarm.wire import Phase
 from mission.geometry.frames import Vector3
 from mission.strategies.arrival import Arrival
+from mission.strategies.contract import Order, Stage
 
 AT_SLOT_M = 1.2
 
@@ -102,3 +103,10 @@ class SlotTransfer:
             self._nearest_m, self._nearest_s = math.inf, now_s
         elif self.state is SlotState.FORMING_UP or phase not in IN_FORMATION | {Phase.HOLDING}:
             self.state = SlotState.SETTLED
+
+
+def is_awaited(phase: Phase, slot: int, order: Order | None, step: SlotStep) -> bool:
+    """Whether the swarm holds for a drone (`slot` -1: it has none): it flies to a slot in a formation that is on its
+    way. Drones that search apart wait for nobody."""
+    is_on_its_way = order is not None and order.stage is not Stage.FORM and not order.apart
+    return step.transferring or (phase is Phase.FORMING and slot >= 0 and is_on_its_way)

@@ -11,7 +11,9 @@ import enum
 
 from flightstack.swarm.wire import Phase
 
-STEERING = frozenset({Phase.FORMING, Phase.SEARCHING, Phase.TRACKING, Phase.HOLDING, Phase.RETURNING})
+STEERING = frozenset(
+    {Phase.FORMING, Phase.SEARCHING, Phase.TRACKING, Phase.HOLDING, Phase.LEAVING, Phase.RETURNING}
+)
 """The phases in which we send a setpoint every tick, even to hold."""
 
 IN_THE_AIR = STEERING | {Phase.TAKEOFF, Phase.LANDING, Phase.RTL, Phase.PILOT}
@@ -24,6 +26,10 @@ _NOT_OURS = WAYS_DOWN | {Phase.PILOT}
 
 IN_FORMATION = frozenset({Phase.SEARCHING, Phase.TRACKING})
 """The phases in which the strategy decides."""
+
+
+HANDS_OVER = IN_FORMATION | {Phase.HOLDING}
+"""The phases in which a drone stands in its slot, so that one that leaves has something to hand over."""
 
 
 class FlightEvent(enum.StrEnum):
@@ -56,6 +62,8 @@ class FlightEvent(enum.StrEnum):
     """In its slot, and the swarm searches."""
     TRACK = "track"
     """In its slot, and the swarm follows a plume."""
+    LEAVE = "leave"
+    """This drone cannot go on, and announces that it goes."""
     GO_HOME = "go_home"
     """The survey is over, or this drone cannot go on with it."""
     REJOIN = "rejoin"
@@ -71,7 +79,8 @@ class IllegalTransitionError(RuntimeError):
 
 TRANSITIONS: dict[tuple[Phase, FlightEvent], Phase] = {
     (Phase.DISARMED, FlightEvent.START): Phase.ARMING,
-    # An agent that was restarted in the air obeys what brings its drone down, and one that a pilot flies again too.
+    # An agent that was restarted in the air has been given nothing: it takes its vehicle when it is told to.
+    (Phase.DISARMED, FlightEvent.RESUME): Phase.FORMING,
     (Phase.DISARMED, FlightEvent.ABORT): Phase.RETURNING,
     (Phase.DISARMED, FlightEvent.RTL): Phase.RTL,
     (Phase.DISARMED, FlightEvent.LAND): Phase.LANDING,
@@ -133,6 +142,13 @@ TRANSITIONS: dict[tuple[Phase, FlightEvent], Phase] = {
     (Phase.HOLDING, FlightEvent.CONTROL_LOST): Phase.PILOT,
     (Phase.HOLDING, FlightEvent.DOWN): Phase.LANDED,
     (Phase.HOLDING, FlightEvent.GO_HOME): Phase.RETURNING,
+    **dict.fromkeys(((phase, FlightEvent.LEAVE) for phase in HANDS_OVER), Phase.LEAVING),
+    (Phase.LEAVING, FlightEvent.ABORT): Phase.RETURNING,
+    (Phase.LEAVING, FlightEvent.RTL): Phase.RTL,
+    (Phase.LEAVING, FlightEvent.LAND): Phase.LANDING,
+    (Phase.LEAVING, FlightEvent.CONTROL_LOST): Phase.PILOT,
+    (Phase.LEAVING, FlightEvent.DOWN): Phase.LANDED,
+    (Phase.LEAVING, FlightEvent.GO_HOME): Phase.RETURNING,
     (Phase.RETURNING, FlightEvent.ABORT): Phase.RETURNING,
     (Phase.RETURNING, FlightEvent.RTL): Phase.RTL,
     (Phase.RETURNING, FlightEvent.LAND): Phase.LANDING,

@@ -15,6 +15,7 @@ from collections.abc import Collection
 
 import msgspec
 
+from flightstack.swarm.freshness import Counted, Freshness, MessageMemory
 from flightstack.swarm.topics import Received
 from flightstack.swarm.wire import (
     NEVER,
@@ -81,6 +82,10 @@ class RefusalKind(enum.Enum):
     FOREIGN_FRAME = "foreign_frame"
     """Its positions are in the frame of another origin."""
     IMPLAUSIBLE = "implausible"
+    REPEATED = "repeated"
+    """It was heard before: by two ways, or somebody sends what was recorded."""
+    PAST = "past"
+    """Its sender was started before one that was heard under its name."""
 
 
 class Refusal(msgspec.Struct, frozen=True):
@@ -95,17 +100,31 @@ class Refusal(msgspec.Struct, frozen=True):
     """What was said, if it is plausible in itself: an operator has to see also what no drone may believe."""
 
 
+_OF_THE_PAST = (
+    "it was started before the one that was heard: a second one under this name, something recorded, or its clock "
+    "went back and its record_to was lost"
+)
+_REPEATED = Refusal(RefusalKind.REPEATED, "it was heard before", "a message was heard before", False, None)
+"""Nothing to tell: it is common where there are two ways, or a radio repeats."""
+
+
 class Admission:
     """The door of one node. It remembers what it has told."""
 
     def __init__(
-        self, members: Collection[int] = (), frame_identity: int | None = None, drone: int | None = None
+        self,
+        members: Collection[int] = (),
+        frame_identity: int | None = None,
+        drone: int | None = None,
+        incarnation: int | None = None,
     ) -> None:
         """`members` are all drones of the survey, `frame_identity` its frame's; () and None: not known here, and any
-        will do. `drone` is the node's own id, None for a ground station."""
+        will do. `drone` is the node's own id, None for a ground station, `incarnation` its own."""
         self._members = frozenset(members) or ANYBODY
         self._frame_identity = frame_identity
         self._drone = drone
+        self._incarnation = incarnation
+        self._memory = MessageMemory()
         self._told: set[str] = set()
 
     def admit(self, received: Received) -> Message | Refusal:
@@ -123,7 +142,17 @@ class Admission:
             return self._refusal(RefusalKind.IMPLAUSIBLE, implausible, text, None)
         if misplaced is not None:
             kind, reason = misplaced
+            if kind is RefusalKind.REPEATED:
+                return _REPEATED
             return self._refusal(kind, reason, reason, _believable(message))
+        if isinstance(message, Counted):
+            match self._memory.judge(received, message):
+                case Freshness.REPEATED:
+                    return _REPEATED
+                case Freshness.PAST:
+                    reason = _OF_THE_PAST
+                    text = f"a message of {sender} is refused: {reason}"
+                    return self._refusal(RefusalKind.PAST, reason, text, None)
         return _believable(message)
 
     def _misplaced(self, sender: str, message: Message) -> tuple[RefusalKind, str] | None:
@@ -131,6 +160,8 @@ class Admission:
         if isinstance(message, DroneState | TableState | ReadingsState):
             if str(message.sender) != sender:
                 return _misnamed(message.sender, sender)
+            if message.sender == self._drone and message.incarnation == self._incarnation:
+                return RefusalKind.REPEATED, "our own words have come back"
             if message.sender == self._drone:
                 text = f"another node also says that it is drone {self._drone}: every drone needs its own id"
                 return RefusalKind.TWIN, text

@@ -14,7 +14,11 @@ from flightstack.swarm.peers import PeerFacts
 from flightstack.swarm.wire import NO_TABLE
 
 PERIOD_S: Final = 0.2
-"""The shortest time between two tellings of the table; news do not wait for the end of it after a repetition."""
+"""The time between two tellings of the same table, and of any on the average: news, such as a suspicion and
+its refutation, may follow each other at once."""
+
+_MOST_NEWS: Final = 2.0
+"""How many tellings may follow each other at once."""
 
 REFRESH_S: Final = 5.0
 """The longest: digests of 32 bits may be the same by chance, and an old one may have been the last that was heard."""
@@ -34,8 +38,8 @@ class Exchange:
         self._told_s: float | None = None
         self._told_digest = 0
         self._told_slots: Mapping[int, int] | None = None
-        self._told_again = False
-        """The newest telling repeated what had been told before."""
+        self._may_tell = _MOST_NEWS
+        """How many tellings may follow each other now."""
 
     def is_due(
         self,
@@ -47,17 +51,21 @@ class Exchange:
         """Whether the table, whose `digest` this is, is to be told in this tick; if so, it counts as told. `slots`
         (drone -> slot): whom this drone counts in, which is its own matter and not in the digest, but which displays
         follow."""
+        self._may_tell = min(_MOST_NEWS, self._may_tell + self._tick_s / PERIOD_S)
         if self._told_s is not None:
             since_s = now_s - self._told_s + 0.5 * self._tick_s
             is_new = digest != self._told_digest
-            differs = is_new or any(
+            if is_new:
+                is_due = self._may_tell >= 1.0
+            elif any(
                 peer.table_digest not in (digest, NO_TABLE) and now_s - peer.heard_s < DIGEST_S
                 for peer in peers.values()
-            )
-            is_shown = slots == self._told_slots
-            period_s = PERIOD_S if differs else REFRESH_S if is_shown else SHOWN_S
-            if since_s < period_s and not (is_new and self._told_again):
+            ):
+                is_due = since_s >= PERIOD_S
+            else:
+                is_due = since_s >= (REFRESH_S if slots == self._told_slots else SHOWN_S)
+            if not is_due:
                 return False
-            self._told_again = not is_new
+        self._may_tell = max(0.0, self._may_tell - 1.0)
         self._told_s, self._told_digest, self._told_slots = now_s, digest, slots
         return True

@@ -52,6 +52,8 @@ class SwarmView(msgspec.Struct, frozen=True):
     has_twin: bool
     """Another agent says, now, that it is this drone."""
     part: Part
+    handed_over: bool
+    """This drone has announced that it leaves, and its heir has claimed its slot."""
     flies_on: bool
     """Others that take part in a survey, in the air, have been heard for a while without a gap."""
     ground_heard_s: float | None
@@ -86,7 +88,7 @@ class SwarmMember:
         self._layout = layout
         self._incarnation = incarnation
         self._lost_after_s = lost_after_s
-        self._admission = Admission(members, frame_identity, drone)
+        self._admission = Admission(members, frame_identity, drone, incarnation)
         self._peers = Peers(drone)
         self._table = SwarmTable(
             drone,
@@ -99,6 +101,9 @@ class SwarmMember:
         self._announcements = Announcements(drone, incarnation, frame_identity, tick_s)
         self._twin: DroneState | None = None
         self._twin_s = -math.inf
+        self._stepped_s: float | None = None
+        self._awake_s = -math.inf
+        """When this program last went on after it had stood still."""
 
     def step(
         self,
@@ -110,6 +115,9 @@ class SwarmMember:
     ) -> SwarmView:
         """Hear what came. `phase` and `decision` are this drone's own of the tick before, `position_ned_m` is where
         it is now."""
+        if self._stepped_s is not None and now_s - self._stepped_s > self._lost_after_s:
+            self._awake_s = now_s
+        self._stepped_s = now_s
         commands: list[Command] = []
         told: list[TableState | ReadingsState] = []
         refused: list[Note] = []
@@ -142,12 +150,19 @@ class SwarmMember:
             self._slot_ned_m(),
             news.moved and not (table.order is not None and table.order.apart),
             now_s - self._twin_s <= TWINS_S,
-            self._peers.part(now_s, self._lost_after_s),
+            self._part(now_s),
+            table.has_handed_over(now_s),
             self._peers.flies_on(now_s),
             self._peers.ground_heard_s,
             tuple(refused),
             tuple(tree_notes(news, table.slots)),
         )
+
+    def _part(self, now_s: float) -> Part:
+        """Of those whom it could not hear because it stood still, this drone cannot say that they fell silent."""
+        if now_s - self._awake_s <= self._lost_after_s:
+            return Part.WHOLE
+        return self._peers.part(now_s, self._lost_after_s)
 
     def _announce(self, phase: Phase) -> None:
         """Tell the table whether this drone takes part. That everybody leaves when a survey is over is no news."""

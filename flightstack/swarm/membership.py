@@ -205,6 +205,9 @@ class Membership:
                 if drone in self._accused or drone in self._vain:
                     self._accused.pop(drone, None)
                     self._vain.pop(drone, None)
+        if self._support and now_s - self._support[-1][0] > self._suspect_after_s:
+            self._wake(now_s)
+            heard = 1
         self._note_support(now_s, heard)
         self._watch(now_s, peers, {*watched} - {self._drone})
         return self._count_out(now_s, peers)
@@ -212,6 +215,12 @@ class Membership:
     @property
     def _own(self) -> MemberRegister:
         return self._registers.get(self._drone, UNDOUBTED)
+
+    def _wake(self, now_s: float) -> None:
+        """This program stood still, and heard nobody because of that: nobody is missed for it, and no suspicion has
+        stood meanwhile. Nor can it tell who heard it."""
+        self._missed_since_s = dict.fromkeys(self._missed_since_s, now_s)
+        self._suspected_since_s = {d: (life, now_s) for d, (life, _) in self._suspected_since_s.items()}
 
     def _write(self, drone: int, register: MemberRegister) -> None:
         if self._registers.get(drone) != register:
@@ -291,8 +300,6 @@ class Membership:
 
     def _note_support(self, now_s: float, heard: int) -> None:
         support = self._support
-        if support and now_s - support[-1][0] > self._suspect_after_s:
-            heard = 1  # this program stood still, and cannot tell who heard it meanwhile
         while support and support[-1][1] >= heard:
             support.pop()
         support.append((now_s, heard))

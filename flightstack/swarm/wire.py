@@ -38,6 +38,8 @@ class Phase(enum.StrEnum):
     SEARCHING = "searching"
     TRACKING = "tracking"
     HOLDING = "holding"
+    LEAVING = "leaving"
+    """It has announced that it leaves, and hovers in its slot until its heir has claimed that."""
     RETURNING = "returning"
     LANDING = "landing"
     """The autopilot lands it where it is."""

@@ -18,7 +18,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 from flightstack.config import SwarmConfig, TlsConfig
-from flightstack.swarm.topics import COMMAND, GROUND, REPORT, TOPICS, TRAFFIC
+from flightstack.swarm.topics import COMMAND, GROUND, REPORT, TOPICS, TRAFFIC, Topic
 
 ALIVE: Final = "alive"
 """Where in the keys' name space nodes show that they are connected."""
@@ -29,6 +29,12 @@ _DRONE_NAME: Final = re.compile(r"drone-\d+")
 def common_name(node: int | str) -> str:
     """What stands in the certificate of a drone or of a ground station."""
     return f"drone-{node}" if str(node).isdecimal() else str(node)
+
+
+def speakers_of(topic: Topic, members: Iterable[int], tls: TlsConfig) -> list[str]:
+    """Under which names a topic may be spoken of (last words of keys): drones, stations, stations' commands."""
+    drones = [] if topic in _GROUND_ONLY else [str(member) for member in members]
+    return drones + [name for station in tls.stations for name in (station, f"{station}-$*")]
 
 
 def access_rules(swarm: str, members: Iterable[int], tls: TlsConfig) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from flightstack.transport.endpoints import check_endpoint
 
 LEASE_S: Final = 1.0
 """Silence of a connection after which a peer's host counts as unreachable."""
-_LARGEST_MESSAGE_BYTES: Final = 1 << 20
+_LARGEST_MESSAGE_BYTES: Final = 1 << 17
 _SENDING_BYTES: Final = 1 << 16
 """A slow radio shall drop old states, not queue seconds of them in the kernel."""
 

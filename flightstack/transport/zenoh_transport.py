@@ -20,7 +20,7 @@ import re
 import threading
 import time
 from collections.abc import Iterable, Sequence
-from typing import Any, Final
+from typing import Final
 
 import zenoh
 
@@ -30,6 +30,7 @@ from flightstack.transport import TransportError
 from flightstack.transport.access_rules import ALIVE, access_rules
 from flightstack.transport.backlog import trimmed
 from flightstack.transport.certificates import check_readable
+from flightstack.transport.inbox import Inbox, drained, last_word
 from flightstack.transport.linger import stop_lingering
 from flightstack.transport.router_watch import RouterWatch
 from flightstack.transport.zenoh_options import peer_options
@@ -43,9 +44,8 @@ from flightstack.transport.zenoh_session import (
 
 log = logging.getLogger(__name__)
 
-_BEST_EFFORT_BACKLOG: Final = 1024
-"""Samples of one topic between two `receive`: ten seconds of twenty senders at 5 Hz."""
-_RELIABLE_BACKLOG: Final = 4096
+_NEWS_AT_MOST: Final = 4096
+"""Of connections and of who is there, between two looks."""
 _WORD: Final = re.compile(r"[A-Za-z0-9_-]+")
 
 
@@ -76,22 +76,23 @@ class ZenohTransport:
         for what, word in (("swarm", swarm), ("node", self.node)):
             if not _WORD.fullmatch(word):
                 raise TransportError(f"{what} name {word!r}: use letters, digits, - and _ only")
+        drones = tuple(members)
         self._swarm = swarm
         self._closed = False
         options = peer_options(listen, connect, tls, site)
         if tls is not None:
             check_readable(tls)
-            options["access_control"] = access_rules(swarm, members, tls)
+            options["access_control"] = access_rules(swarm, drones, tls)
         self._session = open_session(configured(options), listen)
         self._publishers: dict[str, zenoh.Publisher] = {}
-        self._subscribers = {topic.name: (topic, self._subscribe(topic)) for topic in receives}
+        self._inbox = Inbox(self._session, swarm, receives, drones, tls)
         self._links = self._session.info.declare_link_events_listener(
-            zenoh.handlers.RingChannel(_BEST_EFFORT_BACKLOG), history=True
+            zenoh.handlers.RingChannel(_NEWS_AT_MOST), history=True
         )
         self._alive: set[str] = set()
         liveliness = self._session.liveliness()
         self._presence = liveliness.declare_subscriber(
-            f"flightstack/{swarm}/{ALIVE}/*", zenoh.handlers.RingChannel(_RELIABLE_BACKLOG), history=True
+            f"flightstack/{swarm}/{ALIVE}/*", zenoh.handlers.RingChannel(_NEWS_AT_MOST), history=True
         )
         self._token = liveliness.declare_token(f"flightstack/{swarm}/{ALIVE}/{self.node}")
         self._router = None if site is None else RouterWatch(self._has_router, site)
@@ -112,27 +113,19 @@ class ZenohTransport:
     def receive(self) -> list[Received]:
         if self._closed:
             raise TransportError(f"node {self.node} has left the swarm's network")
-        if _drain(self._links):
+        if drained(self._links):
             stop_lingering()
         if self._router is not None:
             self._router.look(time.monotonic())
-        messages: list[Received] = []
-        for topic, subscriber in self._subscribers.values():
-            samples = _drain(subscriber)
-            if topic.delivery is Delivery.RELIABLE and len(samples) >= _RELIABLE_BACKLOG:
-                log.error("%d %s messages came at once: older ones may be lost", len(samples), topic.name)
-            messages += [
-                Received(topic, _last_word(sample.key_expr), sample.payload.to_bytes()) for sample in samples
-            ]
-        return trimmed(messages)
+        return trimmed(self._inbox.take())
 
     def alive(self) -> set[str]:
         """The other nodes whose processes are connected, by name: a hint that comes before their silence shows.
 
         A live process is not yet a live agent: only its messages prove that.
         """
-        for sample in _drain(self._presence):
-            name = _last_word(sample.key_expr)
+        for sample in drained(self._presence):
+            name = last_word(sample.key_expr)
             if sample.kind == zenoh.SampleKind.PUT:
                 self._alive.add(name)
             else:
@@ -160,16 +153,6 @@ class ZenohTransport:
                 log.error("%s messages cannot be sent: %s", topic.name, zenoh_reason(error))
         else:
             self._failing.discard(topic.name)
-
-    def _subscribe(self, topic: Topic) -> Any:
-        # Ring buffers, because a full FIFO stops zenoh's own thread and with it all other topics; polled, because
-        # a callback costs a thread's wake-up for every message and its exceptions go nowhere.
-        size = _RELIABLE_BACKLOG if topic.delivery is Delivery.RELIABLE else _BEST_EFFORT_BACKLOG
-        return self._session.declare_subscriber(
-            topic.key(self._swarm, "*"),
-            zenoh.handlers.RingChannel(size),
-            allowed_origin=zenoh.Locality.REMOTE,
-        )
 
     def _declare(self, topic: Topic) -> zenoh.Publisher:
         reliable = topic.delivery is Delivery.RELIABLE
@@ -216,14 +199,3 @@ class _Outbox:
                 publisher.put(payload)
             except zenoh.ZError as error:
                 log.error("a message on %s is lost: %s", publisher.key_expr, zenoh_reason(error))
-
-
-def _drain(source: Any) -> list[Any]:
-    samples = []
-    while (sample := source.try_recv()) is not None:
-        samples.append(sample)
-    return samples
-
-
-def _last_word(key: zenoh.KeyExpr) -> str:
-    return str(key).rpartition("/")[2]

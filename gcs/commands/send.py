@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import time
 
 from flightstack.swarm import topics
@@ -34,6 +35,7 @@ def command_swarm(
             started_s=time.monotonic(),
             deadline_s=deadline_s,
             without_recording=without_recording,
+            incarnation=random.SystemRandom().randrange(1, 1 << 31),  # its name is another one each time
         )
         while not command.done(time.monotonic()):
             if command.due(time.monotonic()):

@@ -39,8 +39,9 @@ class SurveyCommand:
         started_s: float,
         deadline_s: float,
         without_recording: bool = False,
+        incarnation: int = 0,
     ) -> None:
-        self.command = Command(uuid.uuid4().hex, sender, target, name, without_recording)
+        self.command = Command(uuid.uuid4().hex, sender, target, name, without_recording, incarnation)
         self._members = tuple(members)
         """Everybody who is to answer; empty: whoever is heard."""
         self._started_s = started_s
@@ -67,6 +68,8 @@ class SurveyCommand:
         if self._sent_s is not None and now_s - self._sent_s < REPEAT_S:
             return False
         self._sent_s = now_s
+        # The same command with a number of its own: what is heard twice under one number was recorded.
+        self.command = msgspec.structs.replace(self.command, sequence=self.command.sequence + 1)
         return True
 
     def addressed(self) -> list[int]:

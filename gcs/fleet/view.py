@@ -236,8 +236,9 @@ class FleetView:
         return state if isinstance(state, DroneState) and state.sender in ANYBODY else None
 
     def _refused(self, now_s: float, sender: str, refusal: Refusal) -> None:
-        """Remember for an alarm what a node says wrong; of strangers and foreign frames their states tell already."""
-        if refusal.kind in (RefusalKind.STRANGER, RefusalKind.FOREIGN_FRAME):
+        """Remember for an alarm what a node says wrong; of strangers and foreign frames their states tell already,
+        and what was heard before is nothing wrong."""
+        if refusal.kind in (RefusalKind.STRANGER, RefusalKind.FOREIGN_FRAME, RefusalKind.REPEATED):
             return
         before = self.garbled.pop(sender, None)
         self.garbled[sender] = Garbled(before.count + 1 if before else 1, refusal.reason, now_s)

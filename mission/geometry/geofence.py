@@ -147,7 +147,7 @@ class LocalFence:
 
         Where no point of the area keeps that margin, the one that keeps the most.
         """
-        room = self._room(margin_m)
+        room = self.room(margin_m)
         if room.is_empty:
             spine = shapely.maximum_inscribed_circle(self.area)
             north_best_m, east_best_m = shapely.get_coordinates(spine)[0]
@@ -160,7 +160,7 @@ class LocalFence:
 
     def path_clear(self, a: LocalPoint, b: LocalPoint, margin_m: float = 0.0) -> bool:
         """Whether the straight way from `a` to `b` keeps `margin_m` from every fence line."""
-        room = self._room(margin_m - _ROUNDING_M)
+        room = self.room(margin_m - _ROUNDING_M)
         if a == b:
             return bool(shapely.intersects_xy(room, *a))
         return bool(shapely.covers(room, shapely.LineString((a, b))))
@@ -168,7 +168,7 @@ class LocalFence:
     def sticks_out_m(self, margin_m: float, other: LocalFence, other_margin_m: float) -> float:
         """How far what one may fly inside of this fence, `margin_m` from its lines, reaches out of what one may fly
         inside of `other`, `other_margin_m` from its lines; 0 where it does not."""
-        inner, outer = self._room(margin_m), other._room(other_margin_m)
+        inner, outer = self.room(margin_m), other.room(other_margin_m)
         if inner.is_empty or outer.is_empty:
             return 0.0 if inner.is_empty else math.inf
         beyond = shapely.difference(inner, outer.buffer(_SLACK_M))
@@ -182,7 +182,7 @@ class LocalFence:
         farthest_m = float(np.hypot(*shapely.get_coordinates(self.area).T).max())
         return farthest_m if farthest_m < _ENDLESS_M else math.inf
 
-    def _room(self, margin_m: float) -> BaseGeometry:
+    def room(self, margin_m: float) -> BaseGeometry:
         """The allowed area without its rim of `margin_m`, prepared, made once a margin."""
         room = self._shrunk.get(margin_m)
         if room is None:

@@ -69,7 +69,8 @@ def fly(
     from mission.documents.yaml_file import DocumentError
     from simvehicle.survey import conduct
     from simvehicle.survey.agent_faults import parse_freezes, parse_kill
-    from simvehicle.survey.survey_file import load, parse_fault
+    from simvehicle.survey.fault_options import parse_fault
+    from simvehicle.survey.survey_file import load
 
     try:
         faults = tuple(parse_fault(text) for text in fault or ())

@@ -1,4 +1,4 @@
-"""The time of a fleet: the wall clock times the speed-up, with a shared clock no faster than all can follow."""
+"""The time of a fleet: the wall clock times the speed-up, no faster than this process, and all that share it, can."""
 
 from __future__ import annotations
 
@@ -12,6 +12,11 @@ AHEAD_S = 0.08
 what is done within it is done in time, and for longer the whole simulation waits."""
 STUCK_WALL_S = 5.0
 """A follower that has not moved for so long hangs; the others go on without it until it moves again."""
+
+
+MOST_AT_ONCE_S = 0.5
+"""How far the time goes in one step without a shared clock. Less than any time after which an autopilot gives up on
+who does not answer: others cannot answer while this process is kept from running, and must not seem silent for it."""
 
 
 class FleetClock:
@@ -30,10 +35,11 @@ class FleetClock:
         wall_s = time.monotonic()
         passed_s = 0.0 if self._wall_s is None else (wall_s - self._wall_s) * self._speedup
         self._wall_s = wall_s
-        wanted_s = self._now_s + passed_s
-        if self._clock is not None:
-            wanted_s = min(wanted_s, self._promised_s(self._clock, wall_s) + AHEAD_S)
-        self._now_s = max(self._now_s, wanted_s)
+        if self._clock is None:
+            self._now_s += min(passed_s, MOST_AT_ONCE_S)
+        else:
+            promised_s = self._promised_s(self._clock, wall_s) + AHEAD_S
+            self._now_s = max(self._now_s, min(self._now_s + passed_s, promised_s))
         return self._now_s
 
     def publish(self) -> None:

@@ -145,7 +145,8 @@ def _shared_clock(config: FleetConfig) -> ClockCells | None:
 def run(fleet: Fleet, stop: threading.Event) -> None:
     """Step the fleet at its configuration's speed-up until `stop` is set, then close it.
 
-    Late steps are made up for at once, unless there is a shared clock: then the other processes wait.
+    Late steps are made up for at once, but what a process slept through does not pass in the world; with a shared
+    clock the other processes wait.
     """
     speedup = fleet.config.speedup
     period_s = max(_PERIOD_S / speedup, _SHORTEST_PERIOD_S)

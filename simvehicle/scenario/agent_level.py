@@ -34,7 +34,9 @@ class AgentFlight:
     def __init__(self, scenario: FlownScenario) -> None:
         config = scenario.config
         parts = draft(scenario.survey, in_process(scenario.survey))
-        self.flight = Scenario(parts.drones, parts.fleet, config.radio, ground_ned_m=config.ground_ned_m)
+        self.flight = Scenario(
+            parts.drones, parts.fleet, config.radio, ground_ned_m=config.ground_ned_m, ground_beats=True
+        )
         self._config = config
         self._swarm = AfflictedSwarm(self.flight)
         self._faults = SwarmFaultSchedule(config.swarm_faults)
@@ -118,9 +120,8 @@ class AgentFlight:
         self._time_s()
         self._invariants.hear(drone, said)
         self._transcript.phase(drone, said.status.phase)
-        table = self._invariants.whole_table(drone)
-        if table is not None:
-            self._transcript.table(table)
+        agreement = self._invariants.agreement
+        self._transcript.table(drone, agreement.places[drone].epoch, agreement.whole_table(drone))
         for event in said.events:
             self._transcript.event(drone, event.code, event.text)
 

@@ -9,8 +9,8 @@ from typing import Any, Final
 
 _FEWEST, _MOST = 5, 10
 _LONGEST_FAULT_S = 40.0
-_LAST_BEGINS_S = 120.0
-"""A search of this size takes some 150 s: later faults would meet nobody in the air."""
+_LAST_BEGINS_S = 90.0
+"""Such a search takes some 80 s, and the way home 60 s: later faults would meet nobody in the air."""
 _FAULTS: Final = range(1, 5)
 _COMMANDS: Final = ("start", "pause", "resume", "abort", "rtl", "land")
 _TO_ONE: Final = ("rtl", "land")
@@ -54,13 +54,13 @@ class _Draw:
             },
             "strategy": {
                 "name": "locus",
-                "parameters": {"step_m": 6.0, "patience": 6, "search_radius_m": 60.0},
+                "parameters": {"step_m": 6.0, "patience": 4, "search_radius_m": 50.0},
             },
             "wind": {"speed_mps": 3.0, "from_deg": 320.0},
             "plume": {
                 "type": "gaussian",
                 "source_north_m": 10.0,
-                "source_east_m": -25.0,
+                "source_east_m": -20.0,
                 "vent_sd_m": 4.0,
                 "emission_kgps": 2.5,
             },

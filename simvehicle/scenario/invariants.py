@@ -4,25 +4,19 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
 from typing import Final
 
 from flightstack.agent import Outputs
 from flightstack.mavlink.framing import FrameFinder
 from flightstack.swarm import topics
-from flightstack.swarm.wire import TAKING_PART, TableState
 from mission.geometry.formation import make_layout
 from mission.geometry.geofence import LocalFence
-from mission.tree.balanced_tree import problems
 from simvehicle.scenario.afflicted_swarm import AfflictedSwarm
+from simvehicle.scenario.agreement import Agreement
 from simvehicle.scenario.own_matters import astray
 from simvehicle.scenario.scenario_result import Violation
 from simvehicle.scenario.swarm import Scenario
 
-AGREED_WITHIN_S: Final = 10.0
-"""Those who hear each other have one table so long after the last change of who hears whom, and after the last burst
-of loss: until a silent member is given up (`limits.peer_lost_s`), an exchange of tables at 30 % loss, and a heal that
-the first one makes needed."""
 HANDED_OVER_WITHIN_S: Final = 1.0
 """From the pilot's switch to the last setpoint: a heartbeat tells the mode once a second."""
 _SETPOINTS: Final = frozenset({84, 86})
@@ -39,11 +33,8 @@ class Invariants:
         config = next(iter(flight.members.values())).config
         self._separation_m = config.limits.separation_m
         self._fence = LocalFence(flight.world.frame, config.geofence) if config.geofence else None
-        self._layout = make_layout(config.formation.layout, config.formation.spacing_m)
-        self.tables: dict[int, TableState] = {}
-        """What every agent told last, by drone."""
-        self._untroubled_s = 0.0
-        self._audible: dict[int, frozenset[str]] = {}
+        layout = make_layout(config.formation.layout, config.formation.spacing_m)
+        self.agreement = Agreement(flight, swarm, layout)
         self._found: dict[tuple[str, str], Violation] = {}
         self._let_pass: set[tuple[int, ...]] = set()
         """Pairs that came too near, and drones that came outside, when one did not know where it was, and are so
@@ -52,11 +43,6 @@ class Invariants:
     @property
     def violations(self) -> tuple[Violation, ...]:
         return tuple(self._found.values())
-
-    def whole_table(self, drone: int) -> TableState | None:
-        """What an agent told last, unless a heal is under way in it: then slots are empty that have to be filled."""
-        table = self.tables.get(drone)
-        return None if table is None or problems(table.held, self._layout) else table
 
     def violated(self, kind: str, who: str, text: str) -> None:
         if (kind, who) not in self._found:
@@ -69,8 +55,8 @@ class Invariants:
         for name, payload in said.peers:
             if name == topics.OUTCOME.name:
                 self._swarm.hear(topics.OUTCOME.codec.decode(payload))
-            elif name == topics.TABLE.name:
-                self.tables[drone] = topics.TABLE.codec.decode(payload)
+        for problem in self.agreement.hear(drone, said):
+            self.violated(*problem)
         for event in said.events:
             if event.code == "defect":
                 self.violated("defect", f"drone {drone}", event.text)
@@ -86,7 +72,8 @@ class Invariants:
     def look(self) -> None:
         self._apart()
         self._inside()
-        self._agreed()
+        for problem in self.agreement.problems_now():
+            self.violated(*problem)
 
     def _apart(self) -> None:
         flying = [(d, m) for d, m in self._flight.members.items() if m.vehicle.controllable]
@@ -111,32 +98,3 @@ class Invariants:
         elif any(astray(self._flight.members[drone]) for drone in drones):
             self._let_pass.add(drones)
         return wrong and drones not in self._let_pass
-
-    def _agreed(self) -> None:
-        flight = self._flight
-        taking_part = {d for d, m in flight.members.items() if m.runs and m.agent.phase.phase in TAKING_PART}
-        audible = {drone: frozenset(flight.radio.audible(str(drone))) for drone in taking_part}
-        if audible != self._audible or self._swarm.in_burst:
-            self._audible, self._untroubled_s = audible, flight.now_s
-        if flight.now_s - self._untroubled_s <= AGREED_WITHIN_S:
-            return
-        for drone in taking_part & self.tables.keys():
-            for problem in problems(self.tables[drone].held, self._layout):
-                self.violated("table", f"drone {drone}", problem)
-        for a, b in _pairs(audible):
-            one, other = self.tables.get(a), self.tables.get(b)
-            if one and other and one.survey == other.survey and one.held != other.held:
-                text = f"have two tables, {words(one)} and {words(other)}"
-                self.violated("agreement", f"drones {a} and {b}", text)
-
-
-def _pairs(audible: dict[int, frozenset[str]]) -> Iterator[tuple[int, int]]:
-    """Who hear each other."""
-    for a, b in itertools.combinations(sorted(audible), 2):
-        if str(a) in audible[b] and str(b) in audible[a]:
-            yield a, b
-
-
-def words(table: TableState) -> str:
-    """Who holds which slot: "1@0 4@1 2@2"."""
-    return " ".join(f"{drone}@{slot}" for drone, slot in sorted(table.held.items(), key=lambda held: held[1]))

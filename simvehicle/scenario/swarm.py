@@ -21,6 +21,7 @@ from flightstack.swarm.wire import (
     CommandOutcome,
     DroneState,
     Event,
+    GroundBeat,
     Phase,
     TableState,
     Traffic,
@@ -83,9 +84,10 @@ class Scenario:
         *,
         ground_watches: bool = True,
         ground_ned_m: Vector3 | None = None,
+        ground_beats: bool = False,
     ) -> None:
         """`ground_watches`: a ground station tells the swarm where vehicles without agents are. Its radio stands at
-        `ground_ned_m`; None: it reaches everybody.
+        `ground_ned_m`; None: it reaches everybody. `ground_beats`: it tells once a second that it is there.
 
         `FleetError` for a fleet that cannot be flown, as everywhere.
         """
@@ -107,6 +109,8 @@ class Scenario:
             self.radio.place(GROUND, ground_ned_m)
         self._ground_watches = ground_watches
         self._traffic_due_s = 0.0
+        self._beat_due_s = 0.0 if ground_beats else math.inf
+        self._beats = 0
         self.members: dict[int, Member] = {}
         specs = {spec.id: spec for spec in fleet.vehicles}
         for config in drones:
@@ -196,6 +200,10 @@ class Scenario:
             elif member.alive:
                 member.missed.append(said[drone])
         self._listen()
+        if self.now_s >= self._beat_due_s:
+            self._beat_due_s = self.now_s + 1.0
+            self._beats += 1
+            self._ground.publish(topics.GROUND, topics.GROUND.codec.encode(GroundBeat(GROUND, self._beats)))
         if self._ground_watches and self.now_s >= self._traffic_due_s:
             self._traffic_due_s = self.now_s + 0.25
             self._tell_of_orphans()

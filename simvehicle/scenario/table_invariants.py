@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping
 from typing import Final
 
+from flightstack.swarm.membership import JOIN_S
 from flightstack.swarm.table_calm import HEAL_LIMIT_S
 from mission.tree.balanced_tree import problems
 from simvehicle.scenario.kinematic_drone import TRANSFER_LIMIT_S, KinematicDrone
@@ -101,6 +102,8 @@ class TableInvariants:
                 self._violated("agreement", f"drones {first.drone} and {number}", "fly two surveys")
                 return False
         who = f"drones {' '.join(str(drone) for drone in sorted(part))}"
+        if slots.keys() > part and self._waits_for_late_ones(part):
+            return False
         if slots.keys() != part:
             self._violated("members", who, f"fly with the table {words(slots)}")
             return False
@@ -110,6 +113,11 @@ class TableInvariants:
             if drone.place is None or (drone.place.parent is None and drone.place.root != number):
                 self._violated("heartbeat", f"drone {number}", "has nobody to tell that it lives")
         return True
+
+    def _waits_for_late_ones(self, part: frozenset[int]) -> bool:
+        """An agent that was started again gives members that it has never heard `JOIN_S` to come."""
+        members = self._swarm.members
+        return any(self._swarm.now_s - members[drone].up_at_s < JOIN_S + AGREED_WITHIN_S for drone in part)
 
     def _searches(self, now_s: float, drones: Mapping[int, KinematicDrone]) -> None:
         """The part goes on, be it one drone alone, and everybody follows."""

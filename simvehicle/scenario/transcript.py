@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Final
 
-from flightstack.swarm.wire import Phase, TableState
+from flightstack.swarm.wire import Phase
 from simvehicle.faults.fault_table import FaultSpec, SwarmFaultSpec
-from simvehicle.scenario.invariants import words
+from simvehicle.scenario.table_invariants import words
 
 TOLD: Final = frozenset(
     {
@@ -55,12 +55,11 @@ class Transcript:
             self._phases[drone] = phase
             self._say(phase.value, drone)
 
-    def table(self, table: TableState) -> None:
+    def table(self, drone: int, epoch: int, slots: Mapping[int, int]) -> None:
         """Told once, by whoever has it first."""
-        text = words(table)
-        if table.held and f"{table.survey} {table.epoch} {text}" not in self._tables:
-            self._tables.add(f"{table.survey} {table.epoch} {text}")
-            self._say(f"table {table.epoch}: {text}", table.sender)
+        if slots and (told := f"table {epoch}: {words(slots)}") not in self._tables:
+            self._tables.add(told)
+            self._say(told, drone)
 
     def event(self, drone: int, code: str, text: str) -> None:
         if code in TOLD:

@@ -301,7 +301,7 @@ def _join(prepared: launch.Prepared) -> Transport:
         prepared.draft.ground.swarm.name,
         LAUNCHER,
         listen=(),
-        connect=prepared.draft.endpoints,
+        connect=prepared.draft.ground.swarm.connect,
         receives=RECEIVES,
         tls=prepared.draft.launcher_tls,
         members=prepared.draft.ground.swarm.members,

@@ -63,6 +63,12 @@ class Addresses(msgspec.Struct, frozen=True):
     keys: pathlib.Path | None = None
     """Where each node's keys are, in a directory of its name; None: the swarm's network is not encrypted."""
 
+    @property
+    def endpoints(self) -> tuple[str, ...]:
+        """Of the ground station and of every drone: one list for everybody, so that each pair has one connection
+        (decision 0002)."""
+        return (self.ground_endpoint, *(drone.endpoint for drone in self.drones))
+
 
 class Draft(msgspec.Struct, frozen=True):
     """What each part of a survey is given."""
@@ -74,11 +80,6 @@ class Draft(msgspec.Struct, frozen=True):
     """What the nodes hear of each other; None: everything."""
     launcher_tls: TlsConfig | None = None
     """What we show to the others ourselves."""
-
-    @property
-    def endpoints(self) -> tuple[str, ...]:
-        """Of the ground station and of every drone; a node that joins later connects to them."""
-        return (*self.ground.swarm.listen, *(e for drone in self.drones for e in drone.swarm.listen))
 
     @property
     def followers(self) -> tuple[str, ...]:
@@ -206,7 +207,6 @@ def _drones(
 ) -> Iterator[DroneConfig]:
     config, directory = survey.config, addresses.directory
     members = tuple(drone.id for drone in survey.drones)
-    others = [addresses.ground_endpoint]
     for index, (drone, own) in enumerate(zip(survey.drones, addresses.drones, strict=True)):
         one = DroneConfig(
             drone=drone.id,
@@ -214,7 +214,7 @@ def _drones(
                 name=config.name,
                 members=members,
                 listen=(own.endpoint,),
-                connect=tuple(others),
+                connect=addresses.endpoints,
                 tls=_tls(addresses.keys, common_name(drone.id)),
             ),
             origin=config.origin,
@@ -239,7 +239,6 @@ def _drones(
         if directory is not None:
             one = msgspec.structs.replace(one, record_to=str(directory / agent_name(drone.id)), radio=radio)
         yield one
-        others.append(own.endpoint)
 
 
 def _ground(survey: Survey, addresses: Addresses, clock: str | None, radio: str | None) -> GroundConfig:
@@ -250,6 +249,7 @@ def _ground(survey: Survey, addresses: Addresses, clock: str | None, radio: str 
             name=config.name,
             members=tuple(drone.id for drone in survey.drones),
             listen=(addresses.ground_endpoint,),
+            connect=addresses.endpoints,
             tls=_tls(addresses.keys, GROUND_STATION),
         ),
         origin=config.origin,

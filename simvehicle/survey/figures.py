@@ -22,6 +22,7 @@ from mission.geometry.frames import Vector3
 from mission.strategies.contract import Stage
 from simvehicle.faults.fault_table import FaultSpec
 from simvehicle.fleet.truth import VehicleTrack
+from simvehicle.survey.agent_faults import Freeze
 from simvehicle.survey.watch import Log, TreeMark
 from simvehicle.world.air import World
 from simvehicle.world.fields import GasField
@@ -48,6 +49,7 @@ _PHASE_FILLS: dict[Phase, str] = {
     Phase.SEARCHING: "#fff2b3",
     Phase.TRACKING: "#f4b183",
     Phase.HOLDING: "#e2b6e8",
+    Phase.LEAVING: "#dfe8c4",
     Phase.RETURNING: "#c6e0b4",
     Phase.LANDING: "#a2cf8b",
     Phase.RTL: "#b4d7a3",
@@ -245,6 +247,7 @@ def over_time(
     background_ppm: float,
     kills: Mapping[int, float],
     faults: Sequence[FaultSpec],
+    freezes: Sequence[Freeze] = (),
 ) -> Figure:
     """CO2 at each drone, its altitude, and its phases, on one time axis; `faults` are those that happened."""
     drones = len(tracks)
@@ -278,12 +281,20 @@ def over_time(
     )
     altitude.set_ylabel("above home, m")
     altitude.set_ylim(bottom=0.0)
-    _phases(phases, list(tracks), log, _end_s(tracks), kills)
+    end_s = _end_s(tracks)
+    _phases(phases, list(tracks), log, end_s, kills)
+    for freeze in (one for one in freezes if one.drone in tracks):
+        until_s = min(end_s, math.inf if freeze.until_s is None else freeze.until_s)
+        phases.barh(
+            list(tracks).index(freeze.drone), (until_s - freeze.at_s) / 60.0, left=freeze.at_s / 60.0, height=0.8,
+            color="white", edgecolor="#888888", hatch="////", linewidth=0.3,
+        )  # fmt: skip
     marks = [(log.first(Stage.TRACK), "contact"), (log.first(Stage.FOUND), "found")]
     lines = [(mark.time_s, text) for mark, text in marks if mark is not None]
     lines += [(at_s, f"kill {drone}") for drone, at_s in kills.items()]
+    lines += [(freeze.at_s, f"freeze {freeze.drone}") for freeze in freezes]
     lines += [(fault.at_s, f"{fault.kind.replace('_', ' ')} {fault.drone}") for fault in faults]
-    for at_s, text in lines:
+    for at_s, text in _legible(lines, 0.02 * end_s):
         for axes in (co2, altitude, phases):
             axes.axvline(at_s / 60.0, color="black", linewidth=0.7, linestyle=":")
         altitude.annotate(
@@ -293,6 +304,17 @@ def over_time(
         )  # fmt: skip
     phases.set_xlabel("minutes since the first take-off (simulated)")
     return figure
+
+
+def _legible(lines: Sequence[tuple[float, str]], apart_s: float) -> list[tuple[float, str]]:
+    """Marks (when, text) in order; those nearer to the one before than `apart_s` share its line and text."""
+    shown: list[tuple[float, str]] = []
+    for at_s, text in sorted(lines):
+        if shown and at_s - shown[-1][0] < apart_s:
+            shown[-1] = shown[-1][0], f"{shown[-1][1]}, {text}"
+        else:
+            shown.append((at_s, text))
+    return shown
 
 
 def _end_s(tracks: Mapping[int, VehicleTrack]) -> float:
@@ -350,6 +372,8 @@ def swarm_trees(trees: Sequence[TreeMark], layout: Layout, order: Sequence[int])
         )
         news = [f"lost {', '.join(map(str, gone))}"] if gone else []
         news += [f"moved {', '.join(map(str, moved))}"] if moved else []
+        back = sorted(set(mark.slots) - set(before)) if before else []
+        news += [f"back {', '.join(map(str, back))}"] if back else []
         title = "at the start" if not before else f"after {mark.time_s / 60.0:.1f} min"
         axes.set_title(title + (": " + "; ".join(news) if news else ""), fontsize=9)
         before = mark.slots

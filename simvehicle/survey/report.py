@@ -21,6 +21,7 @@ from simvehicle.survey.watch import EventMark, Log
 from simvehicle.world.configured import make_world
 
 _MOST_EVENTS = 250
+_MOST_TREES = 8
 
 _OUTCOMES = {
     "source_found": "Source found",
@@ -184,6 +185,7 @@ def _drawings(
                 config.background_co2_ppm,
                 summary.kills,
                 [fault for fault in config.faults if fault.at_s < summary.simulated_s],
+                summary.freezes,
             )
         )
         yield _drawing(
@@ -192,7 +194,9 @@ def _drawings(
     trees = [mark for mark in log.trees if mark.slots]
     if trees:
         layout = make_layout(config.formation.layout, config.formation.spacing_m)
-        shown = trees if len(trees) <= 6 else [*trees[:3], *trees[-3:]]
+        shown = (
+            trees if len(trees) <= _MOST_TREES else [*trees[: _MOST_TREES // 2], *trees[-_MOST_TREES // 2 :]]
+        )
         drawn = figures.drawing(lambda: figures.swarm_trees(shown, layout, list(homes)))
         yield _drawing(
             drawn, "The swarm's tree", "Each drone's slot in the formation; arrows lead to its parent."

@@ -5,9 +5,8 @@ from __future__ import annotations
 import itertools
 import math
 import pathlib
-import re
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -34,10 +33,11 @@ from mission.geometry.frames import LocalFrame, Vector3
 from mission.geometry.geofence import Geofence, LocalFence
 from sensors.instruments.sensor_error import SensorError
 from simvehicle.autopilot.parameters import Parameters, UnknownParameterError
-from simvehicle.faults.fault_table import FAULTS, FaultKind, FaultSpec
+from simvehicle.faults.fault_table import FaultSpec
 from simvehicle.fleet.fleet_config import FARTHEST_HOME_M
 from simvehicle.fleet.fleet_problems import what_does_not_fit
 from simvehicle.instruments import make_emulator
+from simvehicle.survey.fault_options import fault_option
 from simvehicle.world.configured import make_world
 from simvehicle.world.world_config import GaussianPlume, WorldConfig
 
@@ -187,46 +187,6 @@ def check(config: SurveyConfig, text: str, file: str, *, extra_faults: tuple[Fau
     `extra_faults`: those of `config` that the command line added.
     """
     return _Checks(file, text, config, extra_faults).run()
-
-
-_FAULT = re.compile(
-    r"^(?:(?P<which>[A-Za-z0-9_-]+)-)??(?P<kind>unplug|stuck|lying|gps[_-]loss|gps[_-]jump|battery[_-]low|failsafe"
-    r"|motor|tumble|silence)"
-    r":(?P<drone>\d+)@(?P<at>\d+(?:\.\d+)?)(?:-(?P<until>\d+(?:\.\d+)?))?$"
-)
-
-
-_FAULT_FORM = (
-    "write INSTRUMENT-unplug:DRONE@SECONDS, or instead of INSTRUMENT-unplug: INSTRUMENT-stuck, INSTRUMENT-lying, "
-    "gps-loss, gps-jump, battery-low, remote-control-failsafe, ground-link-failsafe, motor, tumble or silence; "
-    "with -SECONDS behind if it mends itself"
-)
-
-
-def parse_fault(text: str) -> FaultSpec:
-    """A fault as the command line says it: "co2-unplug:2@90", "gps-loss:3@60-75" (from 60 s to 75 s)."""
-    match = _FAULT.match(text)
-    kind = match["kind"].replace("-", "_") if match is not None else ""
-    needs = FAULTS[cast(FaultKind, kind)].needs if match is not None else ()
-    if match is None or bool(needs) != (match["which"] is not None):
-        raise DocumentError(f"--fault {text}", _FAULT_FORM)
-    which: dict[str, str] = (
-        {needs[0]: match["which"].replace("-", "_" if kind == "failsafe" else "-")} if needs else {}
-    )
-    try:
-        fault: FaultSpec = msgspec.convert(
-            {
-                "drone": int(match["drone"]),
-                "at_s": float(match["at"]),
-                "kind": kind,
-                "until_s": float(match["until"]) if match["until"] else None,
-                **which,
-            },
-            FaultSpec,
-        )
-    except msgspec.ValidationError as error:
-        raise DocumentError(f"--fault {text}", _FAULT_FORM) from error
-    return fault
 
 
 class _Checks:
@@ -394,7 +354,7 @@ class _Checks:
         for index, fault in enumerate(self._config.faults):
             for field, problem in _fault_problems(fault, by_id):
                 if index >= own:
-                    raise DocumentError(f"--fault {_fault_option(fault)}", problem)
+                    raise DocumentError(f"--fault {fault_option(fault)}", problem)
                 raise self._fail(f"faults[{index}].{field}", problem)
 
     def _radio(self, drones: tuple[SurveyDrone, ...]) -> None:
@@ -420,10 +380,3 @@ def _fault_problems(fault: FaultSpec, drones: Mapping[int, SurveyDrone]) -> Iter
     yield from what_does_not_fit(fault, f"drone {fault.drone}", types)
     if fault.until_s is not None and fault.until_s <= fault.at_s:
         yield "until_s", f"it breaks at {fault.at_s:g} s, so it cannot mend at {fault.until_s:g} s"
-
-
-def _fault_option(fault: FaultSpec) -> str:
-    """As `parse_fault` reads it."""
-    which = fault.instrument or (fault.unheard or "").replace("_", "-")
-    until = "" if fault.until_s is None else f"-{fault.until_s:g}"
-    return f"{which}{'-' if which else ''}{fault.kind.replace('_', '-')}:{fault.drone}@{fault.at_s:g}{until}"

@@ -228,7 +228,8 @@ class SurveyWatch:
         assigned = table.epoch, tuple(sorted(held.items()))
         if assigned not in self._assignments:
             self._assignments.add(assigned)
-            self._trees.append(TreeMark(now_s, held))
+            if not self._trees or self._trees[-1].slots != held:
+                self._trees.append(TreeMark(now_s, held))
         self._members(now_s, table)
         self._heals = max(self._heals, table.heals)
         order = table.order

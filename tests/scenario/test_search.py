@@ -73,6 +73,16 @@ def test_a_scenario_is_flown_by_whole_agents_and_its_result_kept(tmp_path: pathl
     assert json.loads(again.stdout)["core_s"] == summary["core_s"]
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("seeds", [20, 1000])
+def test_whatever_goes_wrong_nobody_comes_too_near_and_everybody_comes_down(seeds: int) -> None:
+    """Results are kept in out/scenarios: ended and started again, it goes on from there."""
+    command = ["scenario", "search", "--seeds", f"0:{seeds}", "--json"]
+    summary = json.loads(CliRunner().invoke(app, command).stdout.splitlines()[-1])
+    assert summary["seeds"] == seeds
+    assert summary["violations"] == {}, summary["failing_seeds"]
+
+
 def test_what_is_no_range_of_seeds_is_wrong_use(tmp_path: pathlib.Path) -> None:
     for wrong in ("5", "5:5", "6:5", "a:b", "-1:4"):
         result = searched(tmp_path, wrong)

@@ -112,6 +112,8 @@ class Swarm:
         self.now_s = 0.0
         self.heal_until_s = -1.0
         self.orders = [self.order]
+        self.hovering: tuple[Neighbour, ...] = ()
+        """Vehicles that make way for nobody."""
         self.points: dict[int, Point] = {}
         for drone in self.slots:
             self.points[drone] = self.new_point(drone, seed, strategy, parameters)
@@ -128,6 +130,14 @@ class Swarm:
         self.slots = heal(self.slots, self.layout, drones).slots
         self.heal_until_s = self.now_s + 8.0
 
+    def others(self, point: Point) -> tuple[Neighbour, ...]:
+        flying = tuple(
+            Neighbour(p.drone, vector(p.position), vector(p.velocity), 0.1, True, word=p.word)
+            for p in self.points.values()
+            if p is not point
+        )
+        return (*flying, *self.hovering)
+
     def tick(self) -> None:
         healing = self.now_s < self.heal_until_s
         given: Order | None = None
@@ -135,11 +145,7 @@ class Swarm:
             family = place(self.slots, self.layout, point.drone)
             co2 = None if point.excess is None else Scalar(float(point.excess), point.variance, 0.05)
             own = OwnState(point.drone, vector(point.position), vector(point.velocity), co2, None, 0.9)
-            others = tuple(
-                Neighbour(p.drone, vector(p.position), vector(p.velocity), 0.1, True, word=p.word)
-                for p in self.points.values()
-                if p is not point
-            )
+            others = self.others(point)
             tree = TreePlace(
                 0,
                 self.slots[point.drone],

@@ -13,9 +13,12 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 
+import psutil
 import pytest
 import yaml
 
+from flightstack.swarm.topics import COMMAND
+from flightstack.swarm.wire import Command, CommandName
 from simvehicle.survey.ports import free_ports
 
 pytestmark = pytest.mark.system
@@ -53,6 +56,14 @@ class Talker:
 
     def last(self, what: str) -> object:
         return self.said[-1][what] if self.said else None
+
+    def memory_bytes(self) -> int:
+        return psutil.Process(self._process.pid).memory_info().rss
+
+    def tell(self, line: str) -> None:
+        assert self._process.stdin is not None
+        self._process.stdin.write(line + "\n")
+        self._process.stdin.flush()
 
     def end(self) -> None:
         assert self._process.stdin is not None
@@ -142,8 +153,21 @@ def intruder(
     certificate: str | None,
     keys: list[str],
     period_s: float = 0.05,
+    size: int = 6,
 ) -> Talker:
     """A process that connects to everybody, with the certificate "FLEET/NAME" or with none."""
+    orders = {
+        "options": strangers_options(fleets, certificate),
+        "listens": f"flightstack/{SWARM}/**",
+        "keys": [f"flightstack/{SWARM}/{key}" for key in keys],
+        "period_s": period_s,
+        "bytes": size,
+    }
+    return start("intruder.py", json.dumps(orders))
+
+
+def strangers_options(fleets: pathlib.Path, certificate: str | None) -> dict[str, object]:
+    """zenoh's configuration of a node that connects to everybody and is not ours."""
     section = yaml.safe_load((fleets / "own" / "ground" / "swarm.yaml").read_text())["swarm"]
     tls = {
         "root_ca_certificate": str(fleets / "own" / "ground" / "authority.pem"),
@@ -156,20 +180,13 @@ def intruder(
             "connect_private_key": f"{files}.key",
             "connect_certificate": f"{files}.pem",
         }
-    options = {
+    return {
         "mode": "peer",
         "listen": {"endpoints": []},
         "connect": {"endpoints": section["connect"], "timeout_ms": -1, "exit_on_failure": False},
         "scouting/multicast/enabled": False,
         "transport/link/tls": tls,
     }
-    orders = {
-        "options": options,
-        "listens": f"flightstack/{SWARM}/**",
-        "keys": [f"flightstack/{SWARM}/{key}" for key in keys],
-        "period_s": period_s,
-    }
-    return start("intruder.py", json.dumps(orders))
 
 
 def long_enough(nodes: list[Talker], attacker: Talker) -> None:
@@ -222,12 +239,96 @@ def test_a_certificate_of_the_fleet_that_is_no_member_hears_and_says_nothing(fle
     assert {name for node in swarm for name in node.last("forged")} == set()
 
 
+def test_a_member_that_floods_in_its_own_name_takes_nothing_from_the_others(fleets, start, swarm):
+    """More than every ring holds, of what is reliable too: the others hear each other, without a gap."""
+    attacker = intruder(start, fleets, "own/drone-1", ["state/1", "event/1", "outcome/1"] * 300, 0.0, 20_000)
+    until(lambda: attacker.last("connected") == 3, "the attacker is connected to everybody")
+    long_enough(swarm, attacker)
+    before = [node.memory_bytes() for node in swarm]
+    lost = [missing(node) for node in swarm]
+    long_enough(swarm, attacker)
+    assert all_well(swarm)
+    assert {name for node in swarm for name in node.last("forged")} == {"1"}
+    assert [missing(node) for node in swarm] == lost
+    assert all(
+        node.memory_bytes() - start_bytes < 100e6 for node, start_bytes in zip(swarm, before, strict=True)
+    )
+
+
+def missing(node: Talker) -> dict[str, int]:
+    """Events that never came, of those whose names are not flooded."""
+    return {name: count for name, count in dict(node.last("missing")).items() if name != "1"}
+
+
 def test_a_flood_in_others_names_stops_nobody(fleets, start, swarm):
     attacker = intruder(start, fleets, "own/drone-1", ["state/2", "state/ground", "event/2"] * 100, 0.0)
     until(lambda: attacker.last("connected") == 3, "the attacker is connected to everybody")
     long_enough(swarm, attacker)
     assert all_well(swarm)
     assert {name for node in swarm for name in node.last("forged")} == set()
+
+
+@pytest.fixture
+def agent(fleets, tmp_path) -> Iterator[pathlib.Path]:
+    """Drone 1 with its own certificate, on no vehicle; its log."""
+    document = yaml.safe_load((EXAMPLES / "drone.yaml").read_text())
+    document |= yaml.safe_load((fleets / "own" / "drone-1" / "swarm.yaml").read_text())
+    port = free_ports(socket.SOCK_DGRAM, 1)[0]
+    document |= {
+        "autopilot": {"link": f"udpin:127.0.0.1:{port}", "answer_timeout_s": 900.0},
+        "instruments": [],
+        "record_to": str(tmp_path / "flights"),
+    }
+    file, log = fleets / "own" / "drone-1" / "drone.yaml", tmp_path / "agent.log"
+    file.write_text(yaml.safe_dump(document))
+    with log.open("wb") as output:
+        process = subprocess.Popen(
+            [str(PROGRAMS / "flightstack"), "run", "--config", str(file)], stdout=output, stderr=output
+        )
+    try:
+        until(
+            lambda: "ready: autopilot on" in log.read_text() or process.poll() is not None, "the agent runs"
+        )
+        assert process.poll() is None, log.read_text()
+        yield log
+    finally:
+        process.terminate()
+        process.wait(20.0)
+
+
+def order(identity: str, start: int, number: int) -> tuple[str, str]:
+    """A command as a station's program says it: to hold, which a drone on the ground refuses."""
+    said = Command(identity, "ground-tool", 1, CommandName.PAUSE, incarnation=start, sequence=number)
+    return f"flightstack/{SWARM}/command/ground-tool", COMMAND.codec.encode(said).hex()
+
+
+def test_commands_that_were_recorded_are_not_obeyed_again(fleets, start, agent):
+    """Even with a station's certificate, and after more of them than a drone remembers by their identity."""
+    recorded = [order(f"c{number}", 1000, number) for number in range(1, 101)]
+    older = [order("older", 999, 1000)]
+    orders = {
+        "options": strangers_options(fleets, "own/ground"),
+        "listens": f"flightstack/{SWARM}/outcome/1",
+        "rounds": [[order("first", 1000, 0)], recorded, recorded + older, [order("last", 1000, 101)]],
+    }
+    attacker = start("replayer.py", json.dumps(orders))
+    until(lambda: attacker.last("connected") == 1, "the attacker is connected")
+
+    def answers() -> dict[str, int]:
+        return dict(attacker.last("answers"))
+
+    attacker.tell("first")
+    until(lambda: answers().get("first") == 1, "it is heard")
+    attacker.tell("say")
+    until(lambda: attacker.last("said") == 101, "all is said")
+    until(lambda: len(answers()) == 101, "everything is answered")
+    attacker.tell("say it again")
+    until(lambda: attacker.last("said") == 202, "all is said again")
+    attacker.tell("something new")
+    until(lambda: answers().get("last") == 1, "what is new is answered")
+    assert set(answers().values()) == {1}
+    assert "older" not in answers()
+    assert agent.read_text().count("it was started before the one that was heard") == 1
 
 
 def damaged(fleets: pathlib.Path, how: str, name: str) -> tuple[pathlib.Path, str]:

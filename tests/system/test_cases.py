@@ -83,7 +83,7 @@ def folder(tmp_path: pathlib.Path) -> pathlib.Path:
 
 @pytest.fixture
 def vehicle(request: pytest.FixtureRequest) -> Iterator[str]:
-    """A simulated vehicle that is ready at once; its --connect value."""
+    """A simulated vehicle that is ready at once, in real time as its clients' patience is; its --connect value."""
     flavour = case_of(request.getfixturevalue("file")).vehicle
     if flavour is None:
         yield ""
@@ -99,7 +99,7 @@ def vehicle(request: pytest.FixtureRequest) -> Iterator[str]:
         "--ready-after-s",
         "0",
     ]
-    command += ["--companion-port", str(companion), "--ground-port", str(ground), "--speedup", "5"]
+    command += ["--companion-port", str(companion), "--ground-port", str(ground), "--speedup", "1"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         yield f"udpin:127.0.0.1:{ground}"

@@ -113,3 +113,51 @@ def test_a_port_in_use(tmp_path: pathlib.Path, listener: socket.socket) -> None:
     assert process.returncode == 2
     assert str(port) in err
     assert "Traceback" not in err
+
+
+def test_a_vehicle_whose_process_is_kept_from_running_takes_that_for_nobodys_silence() -> None:
+    """Its time is five times the client's: asleep for 1.8 s, it would wake 9 s later, with the upload given up."""
+    companion, ground = free_port(socket.SOCK_DGRAM), free_port(socket.SOCK_DGRAM)
+    vehicle = start(
+        *("--flavour", "ardupilot", "--ready-after-s", "0", "--speedup", "5", "--json"),
+        *("--companion-port", str(companion), "--ground-port", str(ground)),
+    )
+    upload = None
+    try:
+        assert vehicle.stdout is not None
+        assert json.loads(vehicle.stdout.readline())["vehicles"]
+        plan = pathlib.Path(__file__).parents[1] / "data" / "cases" / "p01_ok.plan"
+        upload = subprocess.Popen(
+            [
+                *(sys.executable, "-m", "gcs.cli.main", "fence", "upload", str(plan)),
+                *("--action", "rtl", "--drone", "1", "--link", f"udpin:127.0.0.1:{ground}"),
+            ],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        for _ in range(30):
+            vehicle.send_signal(signal.SIGCONT)
+            if _ends_within(0.4, upload):
+                break
+            vehicle.send_signal(signal.SIGSTOP)
+            if _ends_within(1.8, upload):
+                break
+        vehicle.send_signal(signal.SIGCONT)
+        said, _ = upload.communicate(timeout=60)
+        assert upload.returncode == 0, said
+        assert "FENCE_ENABLE 1" in said
+    finally:
+        vehicle.send_signal(signal.SIGCONT)
+        for process in (vehicle, upload):
+            if process is not None:
+                process.kill()
+                process.communicate()
+
+
+def _ends_within(limit_s: float, process: subprocess.Popen[str]) -> bool:
+    try:
+        process.wait(limit_s)
+    except subprocess.TimeoutExpired:
+        return False
+    return True

@@ -1,14 +1,16 @@
 """One node of a swarm in a process of its own: says who it hears, until its standard input ends.
 
 Arguments: name, listen endpoints, connect endpoints (both comma-separated, may be empty); or name and a file with a
-`swarm` section. Prints one JSON object a tick: the senders heard in it, who is alive, and in whose names something
-was ever heard that no node says.
+`swarm` section. Prints one JSON object a tick: the senders heard in it, who is alive, in whose names something
+was ever heard that no node says, and how many of each sender's numbered events never came.
 """
 
 from __future__ import annotations
 
+import collections
 import json
 import pathlib
+import re
 import select
 import sys
 import time
@@ -22,7 +24,8 @@ from flightstack.transport.certificates import beside
 from flightstack.transport.zenoh_transport import ZenohTransport
 
 TICK_S = 0.05
-SAID = (b"s" * 200, b"e")
+STATE_SAID = b"s" * 200
+EVENT_SAID = re.compile(rb"event (\d+)")
 
 
 def _open(name: str, *network: str) -> ZenohTransport:
@@ -42,16 +45,31 @@ def _endpoints(text: str) -> list[str]:
 def main() -> None:
     transport = _open(*sys.argv[1:])
     forged: set[str] = set()
-    longest_s = 0.0
+    newest: dict[str, int] = {}
+    missing: collections.Counter[str] = collections.Counter()
+    longest_s, turn = 0.0, 0
     while not select.select([sys.stdin], [], [], 0)[0]:
         began_s = time.monotonic()
-        transport.publish(STATE, SAID[0])
-        transport.publish(EVENT, SAID[1])
+        turn += 1
+        transport.publish(STATE, STATE_SAID)
+        transport.publish(EVENT, b"event %d" % turn)
         messages = transport.receive()
         heard = sorted({message.sender for message in messages})
-        forged |= {message.sender for message in messages if message.payload not in SAID}
+        for message in messages:
+            event = EVENT_SAID.fullmatch(message.payload)
+            if event is not None:
+                number = int(event[1])
+                missing[message.sender] += number - newest.get(message.sender, number - 1) - 1
+                newest[message.sender] = number
+            elif message.payload != STATE_SAID:
+                forged.add(message.sender)
         longest_s = max(longest_s, time.monotonic() - began_s)
-        said = {"heard": heard, "alive": sorted(transport.alive()), "forged": sorted(forged)}
+        said = {
+            "heard": heard,
+            "alive": sorted(transport.alive()),
+            "forged": sorted(forged),
+            "missing": dict(missing),
+        }
         sys.stdout.write(json.dumps(said) + "\n")
         sys.stdout.flush()
         time.sleep(TICK_S)

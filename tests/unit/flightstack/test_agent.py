@@ -26,6 +26,7 @@ from flightstack.swarm.wire import (
     TableState,
 )
 from mission.geometry.frames import LocalFrame
+from mission.strategies.contract import TreePlace
 
 EXAMPLE = pathlib.Path(__file__).parents[3] / "examples" / "drone.yaml"
 GUIDED, LOITER, RTL, LAND = 4, 5, 6, 9
@@ -125,6 +126,7 @@ def test_without_an_autopilot_it_waits_and_says_for_what(flight: AgentFlight) ->
         steerable=False,
         waiting_for="no heartbeat of the autopilot yet",
         comes_second=False,
+        place=TreePlace(0, 0, {1: 0}, None, (), None, None, 1, False),
     )
     assert flight.setpoints == []
     (state,) = told(outputs, DroneState)
@@ -380,7 +382,7 @@ def test_a_strategy_that_fails_brings_its_drone_home_instead_of_ending_the_agent
 
     monkeypatch.setattr(flight.agent._strategy, "decide", broken)
     flight.tick()
-    assert flight.tick().status.phase is Phase.RETURNING
+    flight.until(Phase.RETURNING, within_s=2.0)
     ((severity, text),) = flight.events("leaving")
     assert severity is Severity.WARNING
     assert "ZeroDivisionError" in text

@@ -26,10 +26,17 @@ from flightstack.transport import TransportError
 from flightstack.transport.memory import MemoryRadio, MemoryTransport
 from mission.documents.yaml_file import DocumentError
 from mission.geometry.frames import LocalFrame
+from mission.strategies.contract import TreePlace
 
 EXAMPLE = pathlib.Path(__file__).parents[3] / "examples" / "drone.yaml"
 IDLE = AgentStatus(
-    phase=Phase.DISARMED, connected=True, airborne=False, steerable=False, waiting_for="", comes_second=False
+    phase=Phase.DISARMED,
+    connected=True,
+    airborne=False,
+    steerable=False,
+    waiting_for="",
+    comes_second=False,
+    place=TreePlace(0, -1, {}, None, (), None, None, -1, False),
 )
 FLYING = msgspec.structs.replace(IDLE, phase=Phase.SEARCHING, airborne=True, steerable=True)
 

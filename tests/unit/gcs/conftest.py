@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -22,6 +23,8 @@ from mission.tree.slot_registers import SlotRegister
 
 ORIGIN = Geodetic(28.2724, -16.6425, 2300.0)
 FRAME = LocalFrame(ORIGIN)
+_NUMBERS = itertools.count(1)
+"""Of messages that do not say theirs: nobody tells one twice."""
 
 
 @pytest.fixture
@@ -138,7 +141,7 @@ def make_table(drone: int, members: tuple[int, ...], *, epoch: int = 1, **change
     table = TableState(
         sender=drone,
         incarnation=100 + drone,
-        sequence=1,
+        sequence=next(_NUMBERS),
         frame=FRAME.identity,
         survey="survey",
         slots=tuple((slot, SlotRegister(epoch, member)) for slot, member in enumerate(members)),

@@ -55,8 +55,8 @@ def test_a_router_runs_until_a_signal_from_wherever_it_is_started(file, caplog):
             # Started before the signals are caught, it waits for what is said after that.
             stopper.start()
             assert gcs.router.run_router(file) == 0
-        stopper.join()
     finally:
+        stopper.join()
         for number, handler in zip((signal.SIGTERM, signal.SIGINT, signal.SIGHUP), before, strict=True):
             signal.signal(number, handler)
     assert "router stopped" in caplog.text

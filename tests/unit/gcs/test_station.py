@@ -315,7 +315,7 @@ def test_a_twin_that_comes_and_goes_sends_no_drone_home(world, autopilot, state)
     for tick in range(25):
         twin = state(
             1,
-            incarnation=9,
+            incarnation=999,
             sequence=tick,
             phase=Phase.DISARMED,
             armed=False,
@@ -496,3 +496,15 @@ def test_a_vehicle_that_signs_is_told_of_once_where_there_is_no_key(world, autop
     world.run(10.0)
     told = [line for _, line in world.log if "signs" in line]
     assert told == ["drone 2 signs, and may obey nobody without its key: set mavlink.signing_key"]
+
+
+def test_everything_that_it_says_is_numbered(world, autopilot):
+    world.vehicles = [autopilot(2)]
+    world.run(10.0)
+    del world.agents[2]
+    world.run(10.0)
+    for topic in (topics.GROUND, topics.TRAFFIC, topics.EVENT):
+        told = world.told(topic)
+        assert told
+        assert [message.sequence for message in told] == list(range(1, len(told) + 1))
+        assert {message.incarnation for message in told} == {world.station._incarnation}

@@ -72,3 +72,8 @@ def test_where_a_drone_stands_may_be_no_place_to_start_from() -> None:
     reason = leaving().step(0.0, LeavingFacts(launch_ned_m=(0.0, 0.0, -30.0)))
     assert reason.startswith("the launch point is 30 m above the origin")
     assert leaving().step(0.0, LeavingFacts(launch_ned_m=(0.0, 0.0, -1.0))) == ""
+
+
+def test_far_below_its_limit_a_battery_lets_nobody_wait() -> None:
+    reasons = leaving(battery_return_fraction=0.25)
+    assert [reasons.in_haste(fraction) for fraction in (0.9, 0.24, 0.19, None)] == [False, False, True, False]

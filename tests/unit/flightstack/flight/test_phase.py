@@ -8,7 +8,8 @@ import msgspec
 import pytest
 
 from flightstack.flight.facts import SwarmFacts, VehicleFacts
-from flightstack.flight.phase import NO_SLOT_S, SLOTLESS_S, Ask, FlightPhase, PhaseStep
+from flightstack.flight.phase import Ask, FlightPhase, PhaseStep
+from flightstack.flight.taking_part import HAND_OVER_S, NO_SLOT_S, SLOTLESS_S
 from flightstack.flight.transitions import STEERING
 from flightstack.swarm.news import Note
 from flightstack.swarm.wire import TAKING_PART, Command, CommandName, Phase, Result, Severity
@@ -65,6 +66,8 @@ class Flight:
             self.step(UP, msgspec.structs.replace(ALONE, order=order(Stage.TRACK)))
         if phase is Phase.HOLDING:
             self.step(UP, ALONE, self.command(CommandName.PAUSE))
+        if phase is Phase.LEAVING:
+            self.step(UP, ALONE, self.command(CommandName.ABORT, 3))
         if phase is Phase.RETURNING:
             self.step(UP, ALONE, self.command(CommandName.ABORT))
         assert self.machine.phase is phase
@@ -203,12 +206,60 @@ def test_rtl_is_asked_until_the_mode_has_left_ours_and_not_after() -> None:
     assert flight.step(msgspec.structs.replace(UP, ours=False, mode="LOITER")).asks == ()
 
 
-@pytest.mark.parametrize("phase", [Phase.FORMING, Phase.SEARCHING, Phase.TRACKING, Phase.HOLDING])
-def test_a_drone_that_cannot_go_on_announces_it_by_returning(phase: Phase) -> None:
+LOW = msgspec.structs.replace(ALONE, must_return="battery at 20 %")
+
+
+@pytest.mark.parametrize(
+    ("phase", "to"),
+    [
+        (Phase.FORMING, Phase.RETURNING),
+        (Phase.SEARCHING, Phase.LEAVING),
+        (Phase.TRACKING, Phase.LEAVING),
+        (Phase.HOLDING, Phase.LEAVING),
+    ],
+)
+def test_a_drone_that_cannot_go_on_announces_it_and_hands_over_what_it_has(phase: Phase, to: Phase) -> None:
     flight = Flight().to(phase)
-    step = flight.step(UP, msgspec.structs.replace(ALONE, must_return="battery at 20 %"))
-    assert step.phase is Phase.RETURNING
+    step = flight.step(UP, LOW)
+    assert (step.phase, step.steering) == (to, True)
+    assert to not in TAKING_PART, "the others need not find out"
     assert any("battery" in note.text for note in step.notes)
+
+
+def test_who_leaves_waits_for_its_heir_and_then_goes_home() -> None:
+    flight = Flight().to(Phase.SEARCHING)
+    flight.step(UP, LOW)
+    out = msgspec.structs.replace(LOW, member=False)
+    assert flight.step(UP, out).phase is Phase.LEAVING
+    step = flight.step(UP, msgspec.structs.replace(out, handed_over=True))
+    assert step.phase is Phase.RETURNING
+    assert flight.step(UP, msgspec.structs.replace(out, flies_on=True)).phase is Phase.RETURNING
+
+
+def test_who_leaves_does_not_wait_for_ever() -> None:
+    flight = Flight().to(Phase.SEARCHING)
+    flight.step(UP, LOW)
+    for _ in range(round(HAND_OVER_S * 10)):
+        assert flight.step(UP, LOW).phase is Phase.LEAVING
+    flight.step(UP, LOW)
+    assert flight.step(UP, LOW).phase is Phase.RETURNING
+
+
+@pytest.mark.parametrize("urgent", ["in_haste", "parted"])
+def test_who_has_no_time_or_nobody_to_hand_over_to_goes_at_once(urgent: str) -> None:
+    flight = Flight().to(Phase.SEARCHING)
+    assert flight.step(UP, msgspec.structs.replace(LOW, **{urgent: True})).phase is Phase.RETURNING
+    flight = Flight().to(Phase.SEARCHING)
+    assert flight.step(UP, LOW).phase is Phase.LEAVING
+    assert flight.step(UP, msgspec.structs.replace(LOW, **{urgent: True})).phase is Phase.RETURNING
+
+
+def test_a_single_drone_that_is_called_home_hands_over_and_all_of_them_go_at_once() -> None:
+    flight = Flight().to(Phase.SEARCHING)
+    assert flight.step(UP, ALONE, flight.command(CommandName.ABORT, 3)).phase is Phase.LEAVING
+    assert flight.step(UP, ALONE, flight.command(CommandName.ABORT, 3)).phase is Phase.RETURNING
+    flight = Flight().to(Phase.SEARCHING)
+    assert flight.step(UP, ALONE, flight.command(CommandName.ABORT)).phase is Phase.RETURNING
 
 
 @pytest.mark.parametrize(
@@ -221,6 +272,22 @@ def test_an_agent_restarted_in_the_air_obeys_what_brings_its_drone_down(
     assert flight.step(UP).phase is Phase.DISARMED
     assert flight.step(UP, ALONE, flight.command(CommandName.START)).outcomes[0].result is Result.REFUSED
     assert flight.step(UP, ALONE, flight.command(name)).phase is phase
+
+
+def test_an_agent_restarted_in_the_air_joins_what_the_others_fly_when_it_is_told_to() -> None:
+    flight = Flight()
+    heard = msgspec.structs.replace(ALONE, flies_on=True)
+    assert flight.step(UP, heard).phase is Phase.DISARMED, "nobody has given it the vehicle"
+    alone = flight.step(UP, ALONE, flight.command(CommandName.RESUME))
+    assert "no survey that it could join" in alone.outcomes[0].reason
+    low = flight.step(
+        UP, msgspec.structs.replace(heard, must_return="battery"), flight.command(CommandName.RESUME)
+    )
+    assert low.outcomes[0].reason == "battery"
+    resume = flight.command(CommandName.RESUME)
+    step = flight.step(UP, heard, resume)
+    assert (step.phase, step.started) == (Phase.FORMING, resume.identity)
+    assert flight.step(UP, heard, flight.command(CommandName.PAUSE)).started is None
 
 
 def test_a_drone_whose_way_home_is_blocked_lands_where_it_is() -> None:
@@ -283,6 +350,7 @@ def test_a_drone_that_goes_home_for_good_does_not_turn_back(why: str) -> None:
     match why:
         case "battery":
             flight.step(UP, msgspec.structs.replace(ALONE, must_return=why))
+            flight.step(UP, msgspec.structs.replace(ALONE, handed_over=True))
         case "found":
             flight.step(UP, msgspec.structs.replace(ALONE, order=order(Stage.FOUND)))
         case "aborted":

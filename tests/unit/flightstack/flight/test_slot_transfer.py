@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import msgspec
 import pytest
 
 from flightstack.flight.slot_transfer import (
@@ -11,15 +12,18 @@ from flightstack.flight.slot_transfer import (
     SlotState,
     SlotStep,
     SlotTransfer,
+    is_awaited,
 )
 from flightstack.flight.transitions import IN_FORMATION
 from flightstack.swarm.wire import Phase
 from mission.geometry.frames import Vector3
+from mission.strategies.contract import Order, Stage
 
 SLOT: Vector3 = (10.0, 0.0, -10.0)
 FAR: Vector3 = (0.0, 0.0, -10.0)
 MOVING: Vector3 = (1.0, 0.0, 0.0)
 STILL: Vector3 = (0.0, 0.0, 0.0)
+ORDER = Order(4, Stage.TRACK, (0.0, 0.0, -10.0), 0.0)
 SETTLED = SlotStep(SlotState.SETTLED, formed_up=False)
 TRANSFER = SlotStep(SlotState.TRANSFER, formed_up=False)
 
@@ -139,3 +143,21 @@ def test_an_approach_to_the_old_slot_does_not_count_for_the_new_one(drone: SlotS
     drone.step(Phase.SEARCHING, moved=True, velocity=STILL)
     elsewhere = (SLOT[0], SLOT[1] + 20.0, SLOT[2])
     assert drone.step(Phase.SEARCHING, velocity=STILL, slot=elsewhere, after_s=APPROACH_BLOCKED_S) == TRANSFER
+
+
+@pytest.mark.parametrize(
+    ("phase", "slot", "order", "step", "awaited"),
+    [
+        (Phase.TRACKING, 2, ORDER, TRANSFER, True),
+        (Phase.TRACKING, 2, ORDER, SETTLED, False),
+        (Phase.FORMING, 2, ORDER, SETTLED, True),
+        (Phase.FORMING, -1, ORDER, SETTLED, False),
+        (Phase.FORMING, 2, msgspec.structs.replace(ORDER, stage=Stage.FORM), SETTLED, False),
+        (Phase.FORMING, 2, msgspec.structs.replace(ORDER, apart=True), SETTLED, False),
+        (Phase.FORMING, 2, None, SETTLED, False),
+    ],
+)
+def test_a_formation_on_its_way_holds_for_an_heir_and_for_one_that_joins(
+    phase: Phase, slot: int, order: Order | None, step: SlotStep, awaited: bool
+) -> None:
+    assert is_awaited(phase, slot, order, step) is awaited

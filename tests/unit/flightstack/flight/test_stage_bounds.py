@@ -177,7 +177,8 @@ def test_a_decision_stays_where_nothing_is_overdue_or_the_search_has_ended(
 @given(
     st.lists(
         st.tuples(
-            st.sampled_from(sorted(IN_THE_AIR - {Phase.TAKEOFF, Phase.PILOT})),
+            # Who leaves is sent home by `taking_part`, after seconds.
+            st.sampled_from(sorted(IN_THE_AIR - {Phase.TAKEOFF, Phase.PILOT, Phase.LEAVING})),
             st.sampled_from([None, Stage.FORM, Stage.SEARCH, Stage.TRACK]),
             st.floats(1.0, 200.0),
         ),

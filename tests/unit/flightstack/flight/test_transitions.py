@@ -22,37 +22,38 @@ from mission.strategies.contract import Order, Stage
 
 PHASES = (
     Phase.DISARMED, Phase.ARMING, Phase.TAKEOFF, Phase.FORMING, Phase.SEARCHING, Phase.TRACKING, Phase.HOLDING,
-    Phase.RETURNING, Phase.LANDING, Phase.RTL, Phase.PILOT, Phase.LANDED, Phase.CRASHED,
+    Phase.LEAVING, Phase.RETURNING, Phase.LANDING, Phase.RTL, Phase.PILOT, Phase.LANDED, Phase.CRASHED,
 )  # fmt: skip
 SHORT = {
     "dis": Phase.DISARMED, "arm": Phase.ARMING, "tko": Phase.TAKEOFF, "frm": Phase.FORMING, "sea": Phase.SEARCHING,
-    "trk": Phase.TRACKING, "hld": Phase.HOLDING, "ret": Phase.RETURNING, "lnd": Phase.LANDING, "rtl": Phase.RTL,
-    "plt": Phase.PILOT, "dwn": Phase.LANDED, "crs": Phase.CRASHED,
+    "trk": Phase.TRACKING, "hld": Phase.HOLDING, "lvg": Phase.LEAVING, "ret": Phase.RETURNING,
+    "lnd": Phase.LANDING, "rtl": Phase.RTL, "plt": Phase.PILOT, "dwn": Phase.LANDED, "crs": Phase.CRASHED,
 }  # fmt: skip
 EXPECTED = """
-                 dis arm tko frm sea trk hld ret lnd rtl plt dwn crs
-start            arm arm tko frm sea trk  -   -   -   -   -  arm arm
-pause             -   -   -  hld hld hld hld  -   -   -   -   -   -
-resume            -  arm tko frm sea trk frm  -   -   -  frm  -   -
-abort            ret dis ret ret ret ret ret ret lnd rtl ret  -  crs
-rtl              rtl dis rtl rtl rtl rtl rtl rtl rtl rtl rtl rtl crs
-land             lnd dis lnd lnd lnd lnd lnd lnd lnd lnd lnd lnd crs
-armed             -  tko  -   -   -   -   -   -   -   -   -   -   -
-arming_failed     -  dis  -   -   -   -   -   -   -   -   -   -   -
-at_altitude       -   -  frm  -   -   -   -   -   -   -   -   -   -
-takeoff_failed    -   -  lnd  -   -   -   -   -   -   -   -   -   -
-control_lost      -   -  plt plt plt plt plt plt plt plt  -   -  plt
-failsafe_returns  -   -   -   -   -   -   -   -  rtl rtl rtl  -   -
-failsafe_lands    -   -   -   -   -   -   -   -  lnd lnd lnd  -   -
-down              -   -  dwn dwn dwn dwn dwn dwn dwn dwn dwn  -   -
-crashed           -   -  crs crs crs crs crs crs crs crs crs crs  -
-flies             -   -   -   -   -   -   -   -   -   -   -   -  lnd
-search            -   -   -  sea  -  sea  -   -   -   -   -   -   -
-track             -   -   -  trk trk  -   -   -   -   -   -   -   -
-go_home           -   -   -  ret ret ret ret  -   -   -   -   -   -
-rejoin            -   -   -   -  frm frm  -  frm  -   -   -   -   -
-over_home         -   -   -   -   -   -   -  lnd  -   -   -   -   -
-blocked           -   -   -   -   -   -   -  lnd  -   -   -   -   -
+                 dis arm tko frm sea trk hld lvg ret lnd rtl plt dwn crs
+start            arm arm tko frm sea trk  -   -   -   -   -   -  arm arm
+pause             -   -   -  hld hld hld hld  -   -   -   -   -   -   -
+resume           frm arm tko frm sea trk frm  -   -   -   -  frm  -   -
+abort            ret dis ret ret ret ret ret ret ret lnd rtl ret  -  crs
+rtl              rtl dis rtl rtl rtl rtl rtl rtl rtl rtl rtl rtl rtl crs
+land             lnd dis lnd lnd lnd lnd lnd lnd lnd lnd lnd lnd lnd crs
+armed             -  tko  -   -   -   -   -   -   -   -   -   -   -   -
+arming_failed     -  dis  -   -   -   -   -   -   -   -   -   -   -   -
+at_altitude       -   -  frm  -   -   -   -   -   -   -   -   -   -   -
+takeoff_failed    -   -  lnd  -   -   -   -   -   -   -   -   -   -   -
+control_lost      -   -  plt plt plt plt plt plt plt plt plt  -   -  plt
+failsafe_returns  -   -   -   -   -   -   -   -   -  rtl rtl rtl  -   -
+failsafe_lands    -   -   -   -   -   -   -   -   -  lnd lnd lnd  -   -
+down              -   -  dwn dwn dwn dwn dwn dwn dwn dwn dwn dwn  -   -
+crashed           -   -  crs crs crs crs crs crs crs crs crs crs crs  -
+flies             -   -   -   -   -   -   -   -   -   -   -   -   -  lnd
+search            -   -   -  sea  -  sea  -   -   -   -   -   -   -   -
+track             -   -   -  trk trk  -   -   -   -   -   -   -   -   -
+leave             -   -   -   -  lvg lvg lvg  -   -   -   -   -   -   -
+go_home           -   -   -  ret ret ret ret ret  -   -   -   -   -   -
+rejoin            -   -   -   -  frm frm  -   -  frm  -   -   -   -   -
+over_home         -   -   -   -   -   -   -   -  lnd  -   -   -   -   -
+blocked           -   -   -   -   -   -   -   -  lnd  -   -   -   -   -
 """
 """Written by hand, from what the phases mean."""
 
@@ -102,7 +103,9 @@ FLYING = VehicleFacts(
     at_takeoff_altitude=False,
 )  # fmt: skip
 STANDING = msgspec.structs.replace(FLYING, armed=False, airborne=False, ours=False, mode="STABILIZE")
-MEMBER = SwarmFacts(order=None, member=True, formed_up=False, over_home=False, stuck=False, must_return="")
+MEMBER = SwarmFacts(
+    order=None, member=True, formed_up=False, over_home=False, stuck=False, must_return="", flies_on=True
+)
 
 
 @pytest.mark.parametrize("name", CommandName)
@@ -142,7 +145,8 @@ def test_no_facts_lead_to_an_illegal_event(phase: Phase, name: CommandName) -> N
             order = None if stage is None else Order(1, stage, (0.0, 0.0, -10.0), 0.0)
             swarm = SwarmFacts(
                 order=order, member=member, formed_up=near, over_home=near, stuck=near and member,
-                must_return="battery" if must else "", parted=must, flies_on=member,
+                must_return="battery" if must else "", parted=must and near, flies_on=member,
+                handed_over=near, in_haste=near and must,
             )  # fmt: skip
             machine = FlightPhase(3)
             machine.phase = phase
@@ -155,5 +159,6 @@ def test_no_facts_lead_to_an_illegal_event(phase: Phase, name: CommandName) -> N
 def test_a_drone_takes_part_from_arming_to_the_end_of_the_search() -> None:
     """What the others take for a member, the table lets a pause or the swarm's order reach."""
     assert {phase for phase in Phase if (phase, FlightEvent.RESUME) in TRANSITIONS} - {
-        Phase.PILOT
+        Phase.PILOT,
+        Phase.DISARMED,
     } == TAKING_PART

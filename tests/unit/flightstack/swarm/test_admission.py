@@ -449,3 +449,47 @@ def test_a_refused_message_is_told_in_words_that_can_be_shown() -> None:
     assert isinstance(refused, Refusal)
     assert refused.text.isprintable()
     assert r"\x1b[2Jevil" in refused.text
+
+
+def test_what_was_heard_before_is_refused_without_a_word_and_what_is_of_the_past_with_one() -> None:
+    admission = Admission(MEMBERS, 0, 1, 500)
+    assert admission.admit(sent(replace(STATE, incarnation=7, sequence=9), "2")) == replace(
+        STATE, incarnation=7, sequence=9
+    )
+    repeated = admission.admit(sent(replace(STATE, incarnation=7, sequence=9), "2"))
+    assert isinstance(repeated, Refusal)
+    assert (repeated.kind, repeated.fresh) == (RefusalKind.REPEATED, False)
+    past = [admission.admit(sent(replace(STATE, incarnation=6, sequence=n), "2")) for n in (20, 21)]
+    assert [(p.kind, p.fresh) for p in past if isinstance(p, Refusal)] == [
+        (RefusalKind.PAST, True),
+        (RefusalKind.PAST, False),
+    ]
+    assert refused_as(admission, replace(STATE, incarnation=7, sequence=10), "2") is None
+
+
+def test_nothing_that_is_refused_is_remembered() -> None:
+    """Who speaks in another's name, or nonsense, keeps nobody from being heard."""
+    admission = Admission(MEMBERS, 0, 1)
+    ahead = replace(STATE, incarnation=900, sequence=5000)
+    assert refused_as(admission, ahead, "3") is RefusalKind.MISNAMED
+    assert (
+        refused_as(admission, replace(ahead, position_ned_m=(NAN, 0.0, 0.0)), "2") is RefusalKind.IMPLAUSIBLE
+    )
+    assert refused_as(admission, replace(ahead, frame=9), "2") is RefusalKind.FOREIGN_FRAME
+    assert refused_as(admission, STATE, "2") is None
+
+
+def test_our_own_words_that_come_back_are_no_twin() -> None:
+    own = replace(STATE, sender=1, incarnation=500)
+    assert refused_as(Admission(MEMBERS, 0, 1, 500), own, "1") is RefusalKind.REPEATED
+    assert refused_as(Admission(MEMBERS, 0, 1, 501), own, "1") is RefusalKind.TWIN
+
+
+def test_a_command_that_is_repeated_by_its_sender_is_answered_again_and_a_recorded_one_is_not() -> None:
+    flyer = agent()
+    numbered = [replace(COMMAND, incarnation=5, sequence=n) for n in (1, 2, 2, 1, 3)]
+    answers = [
+        sum(topic == topics.OUTCOME.name for topic, _ in flyer.step(1.0 + tick, Inputs(peers=(heard,))).peers)
+        for tick, heard in enumerate(message(topics.COMMAND, "ground", said) for said in numbered)
+    ]
+    assert answers == [1, 1, 0, 0, 1]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flightstack.swarm.exchange import DIGEST_S, PERIOD_S, REFRESH_S, Exchange
+from flightstack.swarm.exchange import DIGEST_S, PERIOD_S, REFRESH_S, SHOWN_S, Exchange
 from flightstack.swarm.peers import PeerFacts
 
 TICK_S = 0.1
@@ -30,9 +30,17 @@ def test_where_somebody_knows_another_one_it_is_said_at_the_full_rate_while_that
 
 def test_what_is_new_is_said_at_once_and_a_change_a_tick_does_not_flood() -> None:
     assert tellings(Exchange(TICK_S), [7] * 10 + [8] * 10, {}) == [0, 10]
-    assert tellings(Exchange(TICK_S), list(range(10)), {}) == [0, 2, 4, 6, 8]
+    assert tellings(Exchange(TICK_S), list(range(10)), {}) == [0, 1, 2, 4, 6, 8]
 
 
-def test_news_do_not_wait_after_a_repetition() -> None:
-    """A claim follows a suspicion that was told twice."""
+def test_news_do_not_wait_for_each_other() -> None:
+    """A refutation follows a suspicion, and a claim one that was told twice."""
+    assert tellings(Exchange(TICK_S), [7, 7, 7, 8, 9, 9], {}) == [0, 3, 4]
     assert tellings(Exchange(TICK_S), [7, 7, 7, 8, 8, 8, 8], {2: said(9)}) == [0, 2, 3, 5]
+
+
+def test_who_is_counted_in_is_shown_within_a_second_though_nobody_has_to_know() -> None:
+    exchange = Exchange(TICK_S)
+    assert exchange.is_due(0.0, 7, {}, {1: 0, 2: 1})
+    due = [tick for tick in range(1, 40) if exchange.is_due(tick * TICK_S, 7, {}, {1: 0})]
+    assert due == [round(SHOWN_S / TICK_S)]

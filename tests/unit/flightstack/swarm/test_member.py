@@ -152,8 +152,18 @@ def test_while_another_flies_to_its_new_slot_the_swarm_is_healing(ears: Ears) ->
 def test_a_swarm_that_comes_apart_has_a_smaller_part(ears: Ears) -> None:
     ears.hear(*ears.states(2, 3))
     assert ears.hear().part is Part.WHOLE
-    ears.now_s += 3.0
+    for _ in range(29):
+        ears.hear()
     assert ears.hear().part is Part.SMALLER
+
+
+def test_who_stood_still_does_not_take_that_for_a_swarm_come_apart(ears: Ears) -> None:
+    ears.hear(*ears.states(2, 3))
+    ears.now_s += 8.0
+    assert ears.hear().part is Part.WHOLE
+    for _ in range(29):
+        assert ears.hear().part is Part.WHOLE
+    assert [ears.hear().part for _ in range(3)][-1] is Part.SMALLER, "they do not speak now, either"
 
 
 def test_what_is_not_believed_is_told_once_and_changes_nothing(ears: Ears) -> None:

@@ -282,6 +282,18 @@ def test_who_stood_still_has_heard_nobody_steadily() -> None:
     assert supports[-1] == 3
 
 
+def test_who_stood_still_misses_nobody_for_it() -> None:
+    """It wakes a moment before the first words come."""
+    membership = Membership(1, (1, 2, 3), suspect_after_s=0.8)
+    silent = {d: PeerFacts(5.0, True, False, None) for d in (2, 3)}
+    membership.step(5.0, silent, (2, 3))
+    assert membership.step(30.0, silent, (2, 3)) == ()
+    assert {d: membership.standing(d) for d in (2, 3)} == {2: Standing.ALIVE, 3: Standing.ALIVE}
+    for tick in range(1, 30):
+        membership.step(30.0 + 0.1 * tick, silent, (2, 3))
+    assert membership.present == {1}, "but those who do not speak then"
+
+
 def test_one_whose_word_comes_by_others_only_is_doubted_ever_more_rarely_and_never_counted_out() -> None:
     """Drone 4 does not hear drone 2, whose answers come by way of the others, late."""
     ears, other = Ears(4), membership(2)

@@ -123,3 +123,10 @@ def test_it_says_whether_a_flight_may_go_unrecorded(without):
         without_recording=without,
     )
     assert command.command.without_recording is without
+
+
+def test_every_time_it_is_said_it_has_a_number_of_its_own():
+    """Drones hear nothing twice under one number: that was recorded."""
+    command = make()
+    numbers = [command.command.sequence for tenth in range(1000, 1030) if command.due(tenth / 10)]
+    assert numbers == [1, 2, 3, 4, 5, 6]

@@ -57,18 +57,18 @@ def test_late_and_repeated_messages_change_nothing(frame, state, on_air):
 
 def test_a_restart_is_recognised_and_two_agents_with_one_id_too(frame, state, on_air):
     view = FleetView((1,), frame, 0.0)
-    view.receive_peer(1.0, on_air(state(1, sequence=500)))
-    view.receive_peer(2.0, on_air(state(1, incarnation=7, sequence=1)))
+    view.receive_peer(1.0, on_air(state(1, sequence=500, ticks=500)))
+    view.receive_peer(2.0, on_air(state(1, incarnation=107, sequence=1)))
     agent = view.agents[1]
     agents = agent.incarnations
     assert (agents.restarts, agents.has_twins(2.0), agent.state.sequence) == (1, False, 1)
-    view.receive_peer(2.5, on_air(state(1, incarnation=7, sequence=2)))
-    view.receive_peer(2.6, on_air(state(1, sequence=501)))
-    view.receive_peer(2.7, on_air(state(1, incarnation=7, sequence=3)))
-    view.receive_peer(2.8, on_air(state(1, sequence=502)))
+    view.receive_peer(2.5, on_air(state(1, incarnation=107, sequence=2)))
+    view.receive_peer(2.6, on_air(state(1, sequence=501, ticks=501)))
+    view.receive_peer(2.7, on_air(state(1, incarnation=107, sequence=3)))
+    view.receive_peer(2.8, on_air(state(1, sequence=502, ticks=502)))
     assert (agents.restarts, agents.has_twins(2.8), agent.state.incarnation) == (1, True, 101), "by its rank"
-    view.receive_peer(5.0, on_air(state(1, incarnation=7, sequence=4)))
-    assert agent.state.incarnation == 7, "whoever is heard now counts"
+    view.receive_peer(5.0, on_air(state(1, incarnation=107, sequence=4)))
+    assert agent.state.incarnation == 107, "whoever is heard now counts"
 
 
 def test_late_ticks_are_a_share_of_the_newest_ticks(frame, state, on_air):
@@ -179,7 +179,7 @@ def test_a_restarted_agent_that_does_not_know_its_vehicle_yet_does_not_hide_that
 ):
     view = FleetView((1,), frame, 0.0)
     view.receive_peer(1.0, on_air(state(1)))
-    fresh = state(1, incarnation=7, armed=False, airborne=False, position_ned_m=None, phase=Phase.DISARMED)
+    fresh = state(1, incarnation=107, armed=False, airborne=False, position_ned_m=None, phase=Phase.DISARMED)
     view.receive_peer(2.0, on_air(fresh))
     assert view.agents[1].flown
     view.receive_peer(2.2, on_air(msgspec.structs.replace(fresh, sequence=2, position_ned_m=(0.0, 0.0, 0.0))))

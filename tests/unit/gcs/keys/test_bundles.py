@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import json
 import pathlib
+import re
 import stat
 from typing import Any
 
@@ -332,12 +333,12 @@ def test_what_a_person_writes_into_a_whole_file_stays(tmp_path):
     made = tmp_path / "crater"
     fleet("init", made, *INIT.split(), *templates(tmp_path))
     file = made / "drone-2" / "drone.yaml"
-    file.write_text(file.read_text().replace("RTL_ALT: 1500", "RTL_ALT: 2000"))
+    file.write_text(re.sub(r"RTL_ALT: \d+", "RTL_ALT: 2025", file.read_text()))
     words = ["--drones", "9", "--first-address", "192.168.2.19"]
     changed = json.loads(fleet("add", made, *words, "--json"))["changed"]
     assert str(file) in changed
     assert str(file.with_name("swarm.yaml")) not in changed
-    assert "RTL_ALT: 2000" in file.read_text()
+    assert "RTL_ALT: 2025" in file.read_text()
     assert yaml.safe_load(file.read_text())["swarm"]["members"] == [1, 2, 3, 7, 9]
     assert not (made / "drone-9" / "drone.yaml").exists()
 

@@ -134,6 +134,24 @@ def arrival() -> Arrival:
     return Arrival(arrival_m=1.0, settle_mps=0.7, settle_s=1.0, blocked_s=5.0)
 
 
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(st.tuples(st.floats(-30.0, 30.0), st.floats(-30.0, 30.0), st.integers(1, 300)), min_size=1),
+    st.floats(0.0, 5.0),
+)
+def test_whatever_a_drone_flies_it_arrives_in_a_bounded_time(
+    flown: list[tuple[float, float, int]], speed_mps: float
+) -> None:
+    """It comes nearer, which has an end, or it does not, and then that is as near as it comes."""
+    watch = arrival()
+    target = (100.0, 0.0, -10.0)
+    places = itertools.chain.from_iterable([(n, e)] * ticks for n, e, ticks in itertools.cycle(flown))
+    for k, (north, east) in enumerate(places):
+        if watch.step(0.1 * k, (north, east, -10.0), (speed_mps, 0.0, 0.0), target):
+            return
+        assert 0.1 * k < 20.0 * (60.0 / 0.5 + 2.0)
+
+
 def test_a_drone_that_circles_before_an_obstacle_arrives_where_it_is() -> None:
     """A vehicle without an agent hovers at the target: the guard steps aside for ever, and nobody stands still."""
     watch = arrival()

@@ -9,7 +9,7 @@ import pytest
 
 from flightstack.recording.shared_clock import ClockCells
 from simvehicle.fleet import fleet_clock as module
-from simvehicle.fleet.fleet_clock import AHEAD_S, STUCK_WALL_S, FleetClock
+from simvehicle.fleet.fleet_clock import AHEAD_S, MOST_AT_ONCE_S, STUCK_WALL_S, FleetClock
 
 
 class Wall:
@@ -37,8 +37,19 @@ def cells(tmp_path: pathlib.Path) -> ClockCells:
 def test_alone_it_is_the_wall_clock_times_the_speedup(wall: Wall) -> None:
     pace = FleetClock(4.0)
     assert pace.advance() == 0.0
-    wall.now_s += 2.5
-    assert pace.advance() == pytest.approx(10.0)
+    for _ in range(25):
+        wall.now_s += 0.1
+        reached_s = pace.advance()
+    assert reached_s == pytest.approx(10.0)
+
+
+def test_what_the_process_slept_through_does_not_pass(wall: Wall) -> None:
+    pace = FleetClock(5.0)
+    pace.advance()
+    wall.now_s += 60.0
+    assert pace.advance() == MOST_AT_ONCE_S
+    wall.now_s += 0.1
+    assert pace.advance() == pytest.approx(MOST_AT_ONCE_S + 0.5)
 
 
 def test_who_has_not_begun_is_not_waited_for(wall: Wall, cells: ClockCells) -> None:

@@ -61,9 +61,26 @@ def test_a_failing_scenario_shrinks_to_what_makes_it_fail() -> None:
 
     small = shrunk(document("freeze", "kill", "radio_dead", "pilot", "kill"), fails)
     assert sorted(fault["kind"] for fault in small["swarm_faults"]) == ["kill", "pilot"]
-    assert small["launch_line"]["count"] == 3, "drone 3 is named, those behind it are not"
+    assert {fault["drone"] for fault in small["swarm_faults"]} == {1}, "the same drone, of as few as can be"
+    assert small["launch_line"]["count"] == 2
     assert all(fault["at_s"] == int(fault["at_s"]) for fault in small["swarm_faults"])
     parse_scenario(text_of(small), "small")
+
+
+def test_a_partition_shrinks_to_those_whom_it_takes_apart_and_its_time() -> None:
+    apart = {"kind": "partition", "parts": [[1, 2], [3, 4, 7], [5, 6]], "at_s": 10.0, "until_s": 42.0}
+    drawn = {**draw(1), "faults": [], "swarm_faults": [apart]}
+
+    def fails(candidate: dict[str, Any]) -> bool:
+        if not candidate["swarm_faults"]:
+            return False
+        (fault,) = candidate["swarm_faults"]
+        last = candidate["launch_line"]["count"] > 2 and fault["until_s"] - fault["at_s"] > 7.0
+        return last and all(fault["parts"]) and len(fault["parts"]) > 1
+
+    (small,) = shrunk(drawn, fails)["swarm_faults"]
+    assert sorted(small["parts"]) == [[1], [2]]
+    assert small["until_s"] == 18.0
 
 
 def test_what_cannot_be_made_smaller_stays_as_it_is_and_is_not_changed_on_the_way() -> None:

@@ -65,10 +65,10 @@ def test_every_part_is_told_where_the_others_are(survey: Survey) -> None:
     assert first.autopilot.link == "udpin:10.0.0.4:14540"
     assert [i.port for i in second.instruments] == ["socket://10.0.0.9:9001", "socket://10.0.0.9:9002"]
     assert second.swarm.listen == ("tcp/10.0.0.9:7447",)
-    assert second.swarm.connect == ("tcp/10.0.0.1:7447", "tcp/10.0.0.4:7447")
+    everybody = ("tcp/10.0.0.1:7447", "tcp/10.0.0.4:7447", "tcp/10.0.0.9:7447")
+    assert {first.swarm.connect, second.swarm.connect, drafted.ground.swarm.connect} == {everybody}
     assert first.swarm.members == second.swarm.members == drafted.ground.swarm.members == (4, 9)
     assert drafted.ground.mavlink.links == ("udpin:10.0.0.1:14550",)
-    assert drafted.endpoints == ("tcp/10.0.0.1:7447", "tcp/10.0.0.4:7447", "tcp/10.0.0.9:7447")
     vehicle = drafted.fleet.vehicles[1]
     assert vehicle.links == ("udpout:10.0.0.9:14540", "udpout:10.0.0.1:14550")
     assert [(i.type, i.port) for i in vehicle.instruments] == [
@@ -100,7 +100,7 @@ def test_with_keys_everybody_shows_their_own_and_hears_the_launcher(survey: Surv
     )
     drafted = draft(survey, addresses)
     fits(drafted)
-    assert all(endpoint.startswith("tls/") for endpoint in drafted.endpoints)
+    assert all(endpoint.startswith("tls/") for endpoint in drafted.ground.swarm.connect)
     sections = [
         *(drone.swarm.tls for drone in drafted.drones),
         drafted.ground.swarm.tls,

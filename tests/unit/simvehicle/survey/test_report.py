@@ -19,6 +19,7 @@ from simvehicle.faults.fault_table import FaultSpec
 from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.fleet.truth import VehicleTrack
 from simvehicle.survey import figures, report, summary
+from simvehicle.survey.agent_faults import Freeze
 from simvehicle.survey.survey_file import Survey, load
 from simvehicle.survey.watch import (
     EventMark,
@@ -221,6 +222,24 @@ def test_kills_and_faults_stand_in_the_figure_over_time(survey: Survey) -> None:
     figure = figures.over_time(tracks, log, 420.0, {3: KILL_S}, [fault])
     told = {text.get_text() for axes in figure.axes for text in axes.texts}
     assert {"kill 3", "gps loss 4"} <= told
+
+
+def test_who_stood_still_has_no_phase_and_marks_close_together_share_a_line(survey: Survey) -> None:
+    tracks, log = flight(survey)
+    freezes = (Freeze(5, KILL_S + 1.0, 200.0), Freeze(4, 300.0))
+    figure = figures.over_time(tracks, log, 420.0, {3: KILL_S}, [], freezes)
+    told = {text.get_text() for axes in figure.axes for text in axes.texts}
+    assert {"kill 3, freeze 5", "freeze 4"} <= told
+    bars = [bar for bar in figure.axes[2].patches if bar.get_hatch()]
+    spans = [(bar.get_y() + 0.4, bar.get_x() * 60.0, (bar.get_x() + bar.get_width()) * 60.0) for bar in bars]
+    assert spans == [pytest.approx((4, KILL_S + 1.0, 200.0)), pytest.approx((3, 300.0, 419.9), abs=0.2)]
+
+
+def test_who_came_back_into_the_tree_is_told(survey: Survey) -> None:
+    trees = [TreeMark(0.0, {1: 0, 2: 1}), TreeMark(60.0, {1: 0}), TreeMark(90.0, {1: 0, 2: 2})]
+    figure = figures.swarm_trees(trees, make_layout("hexagonal", 10.0), [1, 2])
+    titles = [axes.get_title() for axes in figure.axes]
+    assert titles[:3] == ["at the start", "after 1.0 min: lost 2", "after 1.5 min: back 2"]
 
 
 def test_what_is_said_cannot_become_markup(survey: Survey) -> None:

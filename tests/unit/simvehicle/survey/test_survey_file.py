@@ -15,12 +15,12 @@ from mission.documents.yaml_file import DocumentError
 from mission.strategies.locus.strategy import LocusParameters
 from mission.strategies.mobs import MobsParameters
 from simvehicle.faults.fault_table import FaultSpec
+from simvehicle.survey.fault_options import parse_fault
 from simvehicle.survey.survey_file import (
     LaunchLine,
     SurveyConfig,
     SurveyDrone,
     load,
-    parse_fault,
     parse_survey,
 )
 from simvehicle.world.world_config import GaussianPlume, LocusGridPlume, WindConfig
