@@ -15,12 +15,19 @@ from simvehicle.scenario.scenario_file import load_scenario
 DIRECTORY = pathlib.Path(__file__).parents[1] / "data" / "scenarios"
 
 
-@pytest.mark.parametrize("transcript", sorted(DIRECTORY.glob("*.txt")), ids=lambda file: file.stem)
+REVIEWED = pytest.mark.parametrize("transcript", sorted(DIRECTORY.glob("*.txt")), ids=lambda file: file.stem)
+
+
+@REVIEWED
+def test_nothing_is_violated(transcript: pathlib.Path) -> None:
+    assert fly_scenario(load_scenario(transcript.with_suffix(".yaml"))).violations == ()
+
+
+@pytest.mark.long  # another processor rounds otherwise, and a flight of minutes may take another course there
+@REVIEWED
 def test_what_happens_is_what_was_reviewed(transcript: pathlib.Path) -> None:
     result = fly_scenario(load_scenario(transcript.with_suffix(".yaml")))
-    told = "".join(f"{line}\n" for line in result.transcript)
-    assert told == transcript.read_text(encoding="utf-8")
-    assert result.violations == ()
+    assert "".join(f"{line}\n" for line in result.transcript) == transcript.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("file", sorted(DIRECTORY.glob("*.yaml")), ids=lambda file: file.stem)
