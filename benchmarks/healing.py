@@ -249,7 +249,9 @@ def draw(found: Measured, directory: pathlib.Path) -> None:
     times.set_xticks(list(places), [f"{loss:.0%}" for loss in found.healing])
     times.set_xlabel("loss")
     times.set_ylabel("s after the failure, median")
-    times.legend()
+    times.set_title("one drone fails")
+    times.set_ylim(0.0, 1.2 * max(below))
+    times.legend(loc="upper center", ncols=3)
     percent = [100.0 * loss for loss in found.alarms]
     alarms.plot(
         percent, [doubts for doubts, _ in found.alarms.values()], "o-", label="doubts a drone and hour"
@@ -268,8 +270,8 @@ def draw(found: Measured, directory: pathlib.Path) -> None:
     for index, name in enumerate(("at work", "healing")):
         rates = [both[index].bytes for both in found.said.values()]
         traffic.plot(list(found.said), rates, "o-", label=name)
-    traffic.set_xscale("log")
-    traffic.set_yscale("log")
+    traffic.set_xlim(left=0.0)
+    traffic.set_ylim(bottom=0.0)
     traffic.set_xlabel("drones")
     traffic.set_ylabel("bytes a drone and second")
     traffic.legend()
@@ -281,6 +283,7 @@ def draw(found: Measured, directory: pathlib.Path) -> None:
     )
     latency.plot(roots, [(root * root / 3.0) ** 0.5 for root in roots], ":", label="sqrt(N / 3)")
     latency.set_xlabel("square root of the number of drones")
+    latency.set_ylabel("hops, or seconds")
     latency.legend()
     figure.savefig(directory / "swarm-traffic.png", dpi=110)
 
