@@ -57,8 +57,6 @@ def load(path: str | pathlib.Path) -> DroneConfig:
     config = DroneConfig(**msgspec.structs.asdict(written) | parts)
     for field, problem in problems(config):
         raise DocumentError(file, problem, line=line_of(text, field), field=field)
-    for field, caution in cautions(config):
-        log.warning("%s", DocumentError(file, caution, line=line_of(text, field), field=field))
     for problem in check_files(config.swarm, config.drone):
         raise DocumentError(file, problem, line=line_of(text, "swarm.tls"), field="swarm.tls")
     if config.autopilot.signing_key is not None:
@@ -67,6 +65,8 @@ def load(path: str | pathlib.Path) -> DroneConfig:
         except SigningKeyError as error:
             field = "autopilot.signing_key"
             raise DocumentError(file, str(error), line=line_of(text, field), field=field) from error
+    for field, caution in cautions(config):
+        log.warning("%s", DocumentError(file, caution, line=line_of(text, field), field=field))
     return config
 
 
