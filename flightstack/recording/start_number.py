@@ -32,6 +32,9 @@ def next_start(directory: pathlib.Path, name: str, *, unix_s: Callable[[], float
     file = directory / f"{name}.start"
     try:
         directory.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return by_clock  # who records there says so, and as a rule does not start
+    try:
         with file.open("a+", encoding="ascii", errors="replace") as kept:
             fcntl.flock(kept, fcntl.LOCK_EX)
             kept.seek(0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Callable, Iterator
 from typing import Any, Final
 
@@ -60,6 +61,8 @@ def _smaller(document: dict[str, Any]) -> Iterator[dict[str, Any]]:
             for field in ("at_s", "until_s"):
                 if field in fault:
                     fault[field] = float(round(fault[field]))
+            if fault.get("until_s", math.inf) <= fault["at_s"]:
+                fault["until_s"] = fault["at_s"] + 1.0
     if rounded != document:
         yield rounded
 

@@ -63,4 +63,4 @@ def test_a_pause_without_an_end_ends_at_home() -> None:
     assert flight.phases() == {Phase.HOLDING}
     assert flight.run_until(lambda: all_landed(flight), 200.0), flight.phases()
     left = [event.text for _, event in flight.events if event.code == "leaving"]
-    assert left == ["returning: the pause has taken more than 30 s (limits.stages.holding_s)"] * 5
+    assert left == ["leaving: the pause has taken more than 30 s (limits.stages.holding_s)"] * 5

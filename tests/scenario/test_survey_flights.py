@@ -185,7 +185,8 @@ def test_a_drone_whose_radio_fails_goes_home_and_does_not_search_on_its_own() ->
     flight.run(6.0)
     deaf = flight.members[3].agent
     assert deaf.phase.phase is Phase.RETURNING
-    assert flight.run_until(lambda: deaf.phase.phase is Phase.LANDED, 120.0)
+    # Others search near its home: it waits in its layer until those whom it does not hear would be down.
+    assert flight.run_until(lambda: deaf.phase.phase is Phase.LANDED, 200.0)
     assert 3 not in flight.tables[1].held
     assert flight.phases() <= {Phase.SEARCHING, Phase.TRACKING, Phase.LANDED}
     assert flight.min_separation_m > 4.0

@@ -83,6 +83,14 @@ def test_a_partition_shrinks_to_those_whom_it_takes_apart_and_its_time() -> None
     assert small["until_s"] == 18.0
 
 
+def test_a_short_fault_still_ends_after_it_begins_when_its_times_are_rounded() -> None:
+    short = {"kind": "freeze", "drone": 1, "at_s": 80.9, "until_s": 81.4}
+    drawn = {**draw(1), "faults": [], "swarm_faults": [short]}
+    small = shrunk(drawn, lambda candidate: bool(candidate["swarm_faults"]))
+    assert [(fault["at_s"], fault["until_s"]) for fault in small["swarm_faults"]] == [(81.0, 82.0)]
+    parse_scenario(text_of(small), "small")
+
+
 def test_what_cannot_be_made_smaller_stays_as_it_is_and_is_not_changed_on_the_way() -> None:
     before = document("kill", "pilot")
     kept = text_of(before)
