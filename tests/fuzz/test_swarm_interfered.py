@@ -221,5 +221,6 @@ def test_wrong_messages_of_members_end_nothing_and_move_nobody(cases: int, flavo
         )
 
     watch = interfere(flight, FAMILIES * cases // 4, a_tick, add)
-    assert watch.farthest_m < 1.5
+    # One that says it comes down unsteered has the 5 m around the column over its home to itself.
+    assert watch.farthest_m < 6.5
     assert {drone for table in flight.tables.values() for drone in table.held} <= {1, 2, 3}
