@@ -226,7 +226,8 @@ class SurveyWatch:
             return
         held = table.held
         assigned = table.epoch, tuple(sorted(held.items()))
-        if assigned not in self._assignments:
+        # One that joins or leaves holds no slot, and does not know yet, or any more, who does.
+        if table.sender in held and assigned not in self._assignments:
             self._assignments.add(assigned)
             if not self._trees or self._trees[-1].slots != held:
                 self._trees.append(TreeMark(now_s, held))

@@ -209,6 +209,15 @@ class Heard:
         return [(m.time_s, m.drone, m.standing.value) for m in self.watch.log().standings]
 
 
+def test_who_holds_which_slot_is_what_one_says_that_holds_one() -> None:
+    """A drone that was started again knows of nobody who was lost before."""
+    heard = Heard()
+    heard.table(1.0, 1, ())
+    heard.table(2.0, 1, [(2, MemberRegister(0, 0)), (3, MemberRegister(0, 0))], absent=(2, 3))
+    heard.table(3.0, 3, [(3, MemberRegister(0, -1, 0))], absent=(3,))
+    assert [mark.slots for mark in heard.watch.log().trees] == [{1: 0, 2: 1, 3: 2}, {1: 0}]
+
+
 def test_a_member_is_doubted_counted_out_and_there_again_whoever_says_it() -> None:
     heard = Heard()
     heard.table(1.0, 1, ())
