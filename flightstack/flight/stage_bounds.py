@@ -32,8 +32,6 @@ _RETURN_SPARE_S: Final = 300.0
 _RETURN_WAYS: Final = 3.0
 _RETURN_WITHOUT_FENCE_S: Final = 900.0
 
-_ENDED: Final = frozenset({Stage.FOUND, Stage.GIVE_UP})
-
 
 class StageEnd(msgspec.Struct, frozen=True):
     """What has come to its end, each in words for an operator, empty while nothing has."""
@@ -92,7 +90,7 @@ class StageBounds:
         return self._by_itself(phase)
 
     def _in_formation(self, tick_s: float, stage: Stage) -> StageEnd:
-        if stage in _ENDED:
+        if stage.ends_survey:
             return _NOTHING
         spent_s = self._in_stage_s.get(stage, 0.0) + tick_s
         self._in_stage_s[stage] = spent_s
@@ -133,9 +131,9 @@ def returning_bound_s(limits: LimitsConfig, fence: LocalFence | None) -> float:
 
 def ended(decision: Decision, order: Order | None, why: str) -> Decision:
     """The root's `decision`, that of giving up where `why` says so and it ends nothing by itself."""
-    if not why or order is None or order.stage in _ENDED:
+    if not why or order is None or order.stage.ends_survey:
         return decision
-    if decision.order is not None and decision.order.stage in _ENDED:
+    if decision.order is not None and decision.order.stage.ends_survey:
         return decision
     sequence = max(order.sequence, decision.order.sequence - 1 if decision.order is not None else 0) + 1
     give_up = msgspec.structs.replace(order, sequence=sequence, stage=Stage.GIVE_UP)

@@ -14,17 +14,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Final
 
 import msgspec
 
 from mission.geometry.formation import Layout, rotated
 from mission.geometry.frames import Vector3
-from mission.strategies.contract import Order, Stage
+from mission.strategies.contract import Order
 from mission.tree.slot_registers import STRIDE, SlotRegister
-
-ENDS: Final = (Stage.FOUND, Stage.GIVE_UP)
-"""After such an order the survey is over."""
 
 
 class Orders:
@@ -81,5 +77,5 @@ def stopped_anchor(
 
 def _authority(order: Order, ordered_by: SlotRegister, root: SlotRegister) -> tuple[bool, bool, int, bytes]:
     """Which of two orders counts; of two that a liar made equal any, but for everybody the same."""
-    ends = order.stage in ENDS and ordered_by.version <= root.version
+    ends = order.stage.ends_survey and ordered_by.version <= root.version
     return ends, ordered_by == root, order.sequence, msgspec.msgpack.encode((order, ordered_by))

@@ -23,7 +23,7 @@ import msgspec
 
 from flightstack.swarm.membership import Membership
 from flightstack.swarm.news import TreeNews
-from flightstack.swarm.orders import ENDS, Orders, stopped_anchor
+from flightstack.swarm.orders import Orders, stopped_anchor
 from flightstack.swarm.peers import PeerFacts
 from flightstack.swarm.reading_relay import ReadingRelay
 from flightstack.swarm.survey_choice import SurveyChoice
@@ -162,7 +162,7 @@ class SwarmTable:
     @property
     def is_over(self) -> bool:
         """Whether everybody is on the way home, so that nobody is missed any more."""
-        return self.order is not None and self.order.stage in ENDS
+        return self.order is not None and self.order.stage.ends_survey
 
     @property
     def order(self) -> Order | None:

@@ -28,6 +28,11 @@ class Stage(enum.StrEnum):
     GIVE_UP = "give_up"
     """The search area is exhausted, or the time for it over, without a source: everybody goes home."""
 
+    @property
+    def ends_survey(self) -> bool:
+        """Whether an order of this stage is the last: everybody goes home."""
+        return self in (Stage.FOUND, Stage.GIVE_UP)
+
 
 class Order(msgspec.Struct, frozen=True, array_like=True):
     """The root's instruction to the swarm: where the formation's root slot shall be, and how it is turned."""

@@ -16,13 +16,10 @@ import msgspec
 
 from flightstack.swarm.wire import Phase
 from mission.geometry.formation import Layout
-from mission.strategies.contract import Stage
 from mission.tree.balanced_tree import problems
 from simvehicle.survey.agent_faults import Freeze
 from simvehicle.survey.watch import Log, SlotMark, Standing
 
-_OVER = frozenset({Stage.FOUND, Stage.GIVE_UP})
-"""Then everybody is on the way home, and nobody is missed."""
 Cause = Literal["killed", "frozen", "died", "crashed"]
 
 
@@ -110,7 +107,8 @@ def healings(log: Log, failed: Sequence[Failure], layout: Layout) -> tuple[Heali
 def rejoins(log: Log, freezes: Iterable[Freeze]) -> tuple[Rejoin, ...]:
     """Who was counted out and took a slot again, by the time of it."""
     woken_s = {f.drone: f.until_s for f in freezes if f.until_s is not None}
-    over_s = min((mark.time_s for mark in log.orders if mark.order.stage in _OVER), default=math.inf)
+    # Then everybody is on the way home, and nobody is missed.
+    over_s = min((mark.time_s for mark in log.orders if mark.order.stage.ends_survey), default=math.inf)
     found = []
     for drone in {mark.drone for mark in log.standings}:
         own = [mark for mark in log.standings if mark.drone == drone]

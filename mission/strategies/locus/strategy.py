@@ -167,7 +167,7 @@ class Locus:
         if self._arrival.step(observation.elapsed_s, own.position_ned_m, own.velocity_ned_mps, target):
             self._take_reading(observation, order)
         reading = self._reading if self._reading and self._reading.order == order.sequence else None
-        if is_root and reading is not None and order.stage not in (Stage.FOUND, Stage.GIVE_UP):
+        if is_root and reading is not None and not order.stage.ends_survey:
             self._remember(reading)
             self._wind_ned_mps = _mean_wind(observation)
             order = self._next_if_due(observation, order, rng)
