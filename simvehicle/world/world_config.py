@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import math
+from typing import Annotated, TypeAlias
 
 import msgspec
 from msgspec import Meta
 
 from mission.geometry.frames import Geodetic
+
+Metres = Annotated[float, Meta(ge=-1e5, le=1e5)]
 
 
 class WindConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -42,6 +45,105 @@ class LocusGridPlume(
     perturbed: bool = False
     peak_ppm: Annotated[float, Meta(gt=0.0)] = 1000.0
     """What a value of 1 stands for."""
+
+
+class GridWindConfig(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag="grid", tag_field="type"
+):
+    """A wind that flows: it varies over the area and in time, and goes around what stands there.
+
+    The defaults of spread, noise and diffusivity are those of the fluxotaxis experiments' transitional regime.
+    """
+
+    speed_mps: Annotated[float, Meta(ge=0.0, le=30.0)] = 3.0
+    from_deg: Annotated[float, Meta(ge=0.0, le=360.0)] = 90.0
+    """Where the mean wind comes from, degrees clockwise from north."""
+    centre_north_m: Metres = 0.0
+    centre_east_m: Metres = 0.0
+    length_m: Annotated[float, Meta(ge=1.0, le=1e5)] = 200.0
+    """Of the square's sides. Beyond it the wind is that of its edge."""
+    cells: Annotated[int, Meta(ge=4, le=1000)] = 60
+    """Along a side."""
+    diffusivity_m2ps: Annotated[float, Meta(gt=0.0, le=1e5)] = 3.0
+    corner_spread: Annotated[float, Meta(ge=0.0, le=5.0)] = 0.5
+    """Standard deviation of each corner's steady wind from the mean, each axis, as a share of the mean speed."""
+    corner_noise: Annotated[float, Meta(ge=0.0, le=5.0)] = 0.3
+    """Standard deviation of what varies in time in each corner, each axis, as a share of the mean speed."""
+    noise_bandwidth_radps: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.01
+    noise_damping: Annotated[float, Meta(ge=0.05, le=5.0)] = 0.5
+    roughness_m: Annotated[float, Meta(gt=0.0, le=3.0)] | None = None
+    """Aerodynamic roughness of the ground: the speed grows with the logarithm of the height, and `speed_mps` is that
+    10 m above home. None: the same at every height."""
+    step_s: Annotated[float, Meta(gt=0.0, le=60.0)] | None = None
+    """Of the solver; None: the longest that is safely stable."""
+
+
+class FilamentSource(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    north_m: Metres
+    east_m: Metres
+    above_home_m: Annotated[float, Meta(ge=0.0, le=1e4)] = 0.0
+    emission_kgps: Annotated[float, Meta(gt=0.0, le=1e6)] = 1.0
+
+
+class FilamentPlume(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag="filaments", tag_field="type"
+):
+    """Puffs that the wind carries, shakes and widens (Farrell et al. 2002): a plume that meanders and has gaps."""
+
+    sources: Annotated[tuple[FilamentSource, ...], Meta(min_length=1, max_length=100)]
+    puffs_per_s: Annotated[float, Meta(gt=0.0, le=1e5)] = 2.0
+    """Of each source."""
+    initial_radius_m: Annotated[float, Meta(ge=0.01, le=1e3)] = 1.0
+    growth: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.05
+    """Of the radius to the power of 2/3, m^(2/3)/s: r(t) = (r0^(2/3) + growth t)^(3/2)."""
+    shaking: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.1
+    """Random walk of each puff, each axis, m/s^(1/2)."""
+    vertical_shaking: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.05
+    rise_mps: Annotated[float, Meta(ge=0.0, le=50.0)] = 0.0
+    """Of a fresh puff, by its buoyancy; it fades with `rise_time_s`."""
+    rise_time_s: Annotated[float, Meta(gt=0.0, le=3600.0)] = 10.0
+    reach_m: Annotated[float, Meta(gt=0.0, le=1e5)] = 1000.0
+    """A puff that is farther than this from its source, to the north or the east, is gone."""
+    step_s: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.2
+
+
+class RectangularObstacle(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag="rectangle", tag_field="type"
+):
+    """A block with its sides to the north and the east."""
+
+    centre_north_m: Metres
+    centre_east_m: Metres
+    length_north_m: Annotated[float, Meta(gt=0.0, le=1e4)]
+    length_east_m: Annotated[float, Meta(gt=0.0, le=1e4)]
+    top_above_home_m: Annotated[float, Meta(gt=0.0)] = math.inf
+    """Without it nothing flies over the obstacle."""
+
+    def outline(self) -> tuple[tuple[float, float], ...]:
+        """(north_m, east_m) of its corners."""
+        half_n, half_e = 0.5 * self.length_north_m, 0.5 * self.length_east_m
+        north, east = self.centre_north_m, self.centre_east_m
+        return (
+            (north - half_n, east - half_e),
+            (north - half_n, east + half_e),
+            (north + half_n, east + half_e),
+            (north + half_n, east - half_e),
+        )
+
+
+class PolygonalObstacle(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag="polygon", tag_field="type"
+):
+    """A prism over a simple outline of either winding, which may be concave."""
+
+    corners_north_east_m: Annotated[tuple[tuple[Metres, Metres], ...], Meta(min_length=3, max_length=1000)]
+    top_above_home_m: Annotated[float, Meta(gt=0.0)] = math.inf
+
+    def outline(self) -> tuple[tuple[float, float], ...]:
+        return self.corners_north_east_m
+
+
+Obstacle: TypeAlias = RectangularObstacle | PolygonalObstacle
 
 
 class WorldConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
