@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from mission.geometry.frames import LocalFrame
 from simvehicle.world.air import World
+from simvehicle.world.fields import OPEN_GROUND
 from simvehicle.world.gas import make_gas
+from simvehicle.world.obstacles import Obstacles
 from simvehicle.world.wind import GustyWind
 from simvehicle.world.world_config import WorldConfig
 
@@ -13,4 +15,5 @@ def make_world(config: WorldConfig) -> World:
     """The frame and fields of a configuration; equal ones (with their seed) give equal worlds."""
     wind = GustyWind(config.wind, config.seed)
     gas = make_gas(config.plume, wind.mean_ned_mps, config.origin.amsl_m)
-    return World(LocalFrame(config.origin), wind, gas, config.background_co2_ppm)
+    standing = Obstacles(config.obstacles) if config.obstacles else OPEN_GROUND
+    return World(LocalFrame(config.origin), wind, gas, config.background_co2_ppm, standing)

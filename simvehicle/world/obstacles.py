@@ -15,6 +15,9 @@ from mission.geometry.frames import Vector3
 from simvehicle.world import obstacle_formulas
 from simvehicle.world.world_config import Obstacle
 
+TOUCHES_M = 0.5
+"""A vehicle whose middle is nearer than this touches: half of its width over its rotors."""
+
 
 class Obstacles:
     """An `ObstacleField` of prisms with flat tops; they may overlap."""
@@ -28,8 +31,9 @@ class Obstacles:
         """(m, 2) north, east of all corners, one outline after another."""
         self.first = np.array([0, *itertools.accumulate(map(len, outlines))], dtype=np.int64)
         """(k + 1,) the first corner of each outline."""
-        self.tops_m = np.array([obstacle.top_above_home_m for obstacle in obstacles], dtype=np.float64)
-        """(k,)"""
+        tops = (obstacle.top_above_home_m for obstacle in obstacles)
+        self.tops_m = np.array([math.inf if top_m is None else top_m for top_m in tops], dtype=np.float64)
+        """(k,) above home; infinite where nothing flies over."""
 
     def clearance_m(self, position_ned_m: Vector3) -> float:
         """`clearances_m` at one point."""

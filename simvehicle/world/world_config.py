@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, TypeAlias
 
 import msgspec
@@ -116,8 +115,10 @@ class RectangularObstacle(
     centre_east_m: Metres
     length_north_m: Annotated[float, Meta(gt=0.0, le=1e4)]
     length_east_m: Annotated[float, Meta(gt=0.0, le=1e4)]
-    top_above_home_m: Annotated[float, Meta(gt=0.0)] = math.inf
-    """Without it nothing flies over the obstacle."""
+    top_above_home_m: Annotated[float, Meta(gt=0.0, le=1e4)] | None = None
+    """None: nothing flies over the obstacle."""
+    unknown: bool = False
+    """The drones are not told of it: they have to see it."""
 
     def outline(self) -> tuple[tuple[float, float], ...]:
         """(north_m, east_m) of its corners."""
@@ -137,7 +138,8 @@ class PolygonalObstacle(
     """A prism over a simple outline of either winding, which may be concave."""
 
     corners_north_east_m: Annotated[tuple[tuple[Metres, Metres], ...], Meta(min_length=3, max_length=1000)]
-    top_above_home_m: Annotated[float, Meta(gt=0.0)] = math.inf
+    top_above_home_m: Annotated[float, Meta(gt=0.0, le=1e4)] | None = None
+    unknown: bool = False
 
     def outline(self) -> tuple[tuple[float, float], ...]:
         return self.corners_north_east_m
@@ -155,4 +157,5 @@ class WorldConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     plume: GaussianPlume | LocusGridPlume | None = None
     """None: clean air."""
     background_co2_ppm: Annotated[float, Meta(ge=0.0)] = 420.0
+    obstacles: Annotated[tuple[Obstacle, ...], Meta(max_length=1000)] = ()
     seed: int = 0
