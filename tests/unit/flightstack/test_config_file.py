@@ -160,7 +160,7 @@ def test_obstacles_that_nobody_can_fly_among_are_refused(
     ("obstacle", "words"),
     [
         (f"{{{ROCK.format(-90)}}}",
-         "obstacles[0]: obstacle 0 stands as high as the autopilot of every drone comes home by itself"),
+         "obstacles[0]: obstacle 0 stands as high as the autopilot of every drone comes home"),
         (f"{{{ROCK.format(-90)}, top_above_home_m: 45}}",
          "obstacles[0]: obstacle 0 stands as high as the autopilot of drones 1, 2 comes home by itself (the lowest at "
          "40 m): it flies straight, and into what is between it and its home, while agents fly around; 48 m are"),
