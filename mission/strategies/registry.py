@@ -18,10 +18,22 @@ from mission.strategies.contract import Strategy
 from mission.strategies.entry import StrategyEntry
 from mission.strategies.locus import hybrid, multi
 from mission.strategies.locus import strategy as locus
+from mission.strategies.tracing import anemotaxis, casting, chemotaxis, fluxotaxis
 
 GROUP = "flightstack.strategies"
 BUILT_IN: dict[str, StrategyEntry] = {
-    entry.name: entry for entry in (locus.ENTRY, mobs.ENTRY, hybrid.ENTRY, multi.ENTRY, mobs_authors.ENTRY)
+    entry.name: entry
+    for entry in (
+        locus.ENTRY,
+        mobs.ENTRY,
+        hybrid.ENTRY,
+        multi.ENTRY,
+        mobs_authors.ENTRY,
+        casting.ENTRY,
+        chemotaxis.ENTRY,
+        anemotaxis.ENTRY,
+        fluxotaxis.ENTRY,
+    )
 }
 
 
