@@ -13,7 +13,7 @@ from typing import Any
 import msgspec
 
 from mission.geometry.formation import Layout
-from mission.strategies import mobs, mobs_authors
+from mission.strategies import mobs, mobs_authors, virtual_forces
 from mission.strategies.contract import Strategy
 from mission.strategies.entry import StrategyEntry
 from mission.strategies.locus import hybrid, multi
@@ -21,7 +21,16 @@ from mission.strategies.locus import strategy as locus
 
 GROUP = "flightstack.strategies"
 BUILT_IN: dict[str, StrategyEntry] = {
-    entry.name: entry for entry in (locus.ENTRY, mobs.ENTRY, hybrid.ENTRY, multi.ENTRY, mobs_authors.ENTRY)
+    entry.name: entry
+    for entry in (
+        locus.ENTRY,
+        mobs.ENTRY,
+        hybrid.ENTRY,
+        multi.ENTRY,
+        mobs_authors.ENTRY,
+        virtual_forces.ENTRY,
+        virtual_forces.UPWIND_ENTRY,
+    )
 }
 
 
