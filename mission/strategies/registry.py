@@ -16,6 +16,7 @@ from mission.geometry.formation import Layout
 from mission.strategies import mobs, mobs_authors, virtual_forces
 from mission.strategies.contract import Strategy
 from mission.strategies.entry import StrategyEntry
+from mission.strategies.lattice import lattice
 from mission.strategies.locus import hybrid, multi
 from mission.strategies.locus import strategy as locus
 
@@ -30,6 +31,7 @@ BUILT_IN: dict[str, StrategyEntry] = {
         mobs_authors.ENTRY,
         virtual_forces.ENTRY,
         virtual_forces.UPWIND_ENTRY,
+        *lattice.ENTRIES,
     )
 }
 
