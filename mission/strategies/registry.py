@@ -19,6 +19,7 @@ from mission.strategies.entry import StrategyEntry
 from mission.strategies.lattice import lattice
 from mission.strategies.locus import hybrid, multi
 from mission.strategies.locus import strategy as locus
+from mission.strategies.tracing import anemotaxis, casting, chemotaxis, fluxotaxis
 
 GROUP = "flightstack.strategies"
 BUILT_IN: dict[str, StrategyEntry] = {
@@ -29,6 +30,10 @@ BUILT_IN: dict[str, StrategyEntry] = {
         hybrid.ENTRY,
         multi.ENTRY,
         mobs_authors.ENTRY,
+        casting.ENTRY,
+        chemotaxis.ENTRY,
+        anemotaxis.ENTRY,
+        fluxotaxis.ENTRY,
         virtual_forces.ENTRY,
         virtual_forces.UPWIND_ENTRY,
         *lattice.ENTRIES,
