@@ -39,7 +39,7 @@ from simvehicle.fleet.fleet_problems import what_does_not_fit
 from simvehicle.instruments import make_emulator
 from simvehicle.survey.fault_options import fault_option
 from simvehicle.world.configured import make_world
-from simvehicle.world.world_config import GaussianPlume, WorldConfig
+from simvehicle.world.world_config import GaussianPlume, WorldConfig, source_places
 
 GROUND_STATION = "ground"
 """The ground station's name among the nodes of the swarm."""
@@ -310,9 +310,14 @@ class _Checks:
                 raise self._fail(f"drones[{index}].parameters", str(error)) from error
 
     def _plume(self) -> None:
+        if self._config.plume is None:
+            return
+        try:
+            gas = make_world(self._config).gas
+        except ValueError as error:
+            raise self._fail("plume", str(error)) from error
         if not isinstance(self._config.plume, GaussianPlume):
             return
-        gas = make_world(self._config).gas
         most_ppm = gas.excess_co2_ppm(gas.source_ned_m, 0.0)
         if most_ppm > 1e6:
             raise self._fail(
@@ -343,7 +348,7 @@ class _Checks:
                     f"drone {drone.id}'s launch point is {where}; move it or widen the fence",
                 )
         plume = self._config.plume
-        if plume is not None and not local.contains(plume.source_north_m, plume.source_east_m):
+        if plume is not None and not any(itertools.starmap(local.contains, source_places(plume))):
             self._warnings.append(
                 f"{self._file}: plume: its source lies outside the geofence: the swarm cannot reach it"
             )

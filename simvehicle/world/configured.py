@@ -12,5 +12,6 @@ from simvehicle.world.world_config import WorldConfig
 def make_world(config: WorldConfig) -> World:
     """The frame and fields of a configuration; equal ones (with their seed) give equal worlds."""
     wind = GustyWind(config.wind, config.seed)
-    gas = make_gas(config.plume, wind.mean_ned_mps, config.origin.amsl_m)
+    # The plume's wind is the same wind, asked at the plume's own pace.
+    gas = make_gas(config.plume, GustyWind(config.wind, config.seed), config.origin.amsl_m, config.seed)
     return World(LocalFrame(config.origin), wind, gas, config.background_co2_ppm)

@@ -83,6 +83,9 @@ class FilamentSource(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     east_m: Metres
     above_home_m: Annotated[float, Meta(ge=0.0, le=1e4)] = 0.0
     emission_kgps: Annotated[float, Meta(gt=0.0, le=1e6)] = 1.0
+    moving_north_mps: Annotated[float, Meta(ge=-100.0, le=100.0)] = 0.0
+    """It is at `north_m`, `east_m` at time 0."""
+    moving_east_mps: Annotated[float, Meta(ge=-100.0, le=100.0)] = 0.0
 
 
 class FilamentPlume(
@@ -97,14 +100,63 @@ class FilamentPlume(
     growth: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.05
     """Of the radius to the power of 2/3, m^(2/3)/s: r(t) = (r0^(2/3) + growth t)^(3/2)."""
     shaking: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.1
-    """Random walk of each puff, each axis, m/s^(1/2)."""
+    """Random walk of each puff to the north and the east: standard deviation of each after one second, m/s^(1/2)."""
     vertical_shaking: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.05
     rise_mps: Annotated[float, Meta(ge=0.0, le=50.0)] = 0.0
-    """Of a fresh puff, by its buoyancy; it fades with `rise_time_s`."""
+    """Of a fresh puff, by its buoyancy; it fades with `rise_time_s`: in all it rises by their product."""
     rise_time_s: Annotated[float, Meta(gt=0.0, le=3600.0)] = 10.0
     reach_m: Annotated[float, Meta(gt=0.0, le=1e5)] = 1000.0
     """A puff that is farther than this from its source, to the north or the east, is gone."""
+    lifetime_s: Annotated[float, Meta(gt=0.0, le=1e5)] = 600.0
+    """So is one that is older than this: in calm air none would ever leave."""
+    head_start_s: Annotated[float, Meta(ge=0.0, le=1e5)] = 120.0
+    """How long the sources have been open at time 0, in the wind of time 0."""
     step_s: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.2
+
+
+class FlatFilamentSource(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    north_m: Metres
+    east_m: Metres
+    strength: Annotated[float, Meta(gt=0.0, le=1e12)] = 1.0
+    """Q of each puff, in the plume's own unit."""
+    moving_north_mps: Annotated[float, Meta(ge=-100.0, le=100.0)] = 0.0
+    moving_east_mps: Annotated[float, Meta(ge=-100.0, le=100.0)] = 0.0
+
+
+class FlatFilamentPlume(
+    msgspec.Struct,
+    frozen=True,
+    forbid_unknown_fields=True,
+    kw_only=True,
+    tag="flat-filaments",
+    tag_field="type",
+):
+    """The puffs of the fluxotaxis experiments: in one plane, the same at every height, in a unit of their own.
+
+    The fields that `FilamentPlume` has too mean the same.
+    """
+
+    sources: Annotated[tuple[FlatFilamentSource, ...], Meta(min_length=1, max_length=100)]
+    puffs_per_s: Annotated[float, Meta(gt=0.0, le=1e5)] = 0.5
+    initial_radius_m: Annotated[float, Meta(ge=0.01, le=1e3)] = 0.3
+    growth: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.02
+    shaking: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.1
+    reach_m: Annotated[float, Meta(gt=0.0, le=1e5)] = 1000.0
+    lifetime_s: Annotated[float, Meta(gt=0.0, le=1e5)] = 3600.0
+    head_start_s: Annotated[float, Meta(ge=0.0, le=1e5)] = 0.0
+    step_s: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.2
+    ppm_per_unit: Annotated[float, Meta(gt=0.0, le=1e12)] = 1.0
+    """What a density of 1 is to instruments that read ppm."""
+
+
+Plume: TypeAlias = GaussianPlume | LocusGridPlume | FilamentPlume | FlatFilamentPlume
+
+
+def source_places(plume: Plume) -> tuple[tuple[float, float], ...]:
+    """(north_m, east_m) of its sources, at time 0."""
+    if isinstance(plume, GaussianPlume | LocusGridPlume):
+        return ((plume.source_north_m, plume.source_east_m),)
+    return tuple((source.north_m, source.east_m) for source in plume.sources)
 
 
 class RectangularObstacle(
@@ -152,7 +204,7 @@ class WorldConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     origin: Geodetic
     """Origin of the local frame, at the height of the launch points."""
     wind: WindConfig = WindConfig()
-    plume: GaussianPlume | LocusGridPlume | None = None
+    plume: Plume | None = None
     """None: clean air."""
     background_co2_ppm: Annotated[float, Meta(ge=0.0)] = 420.0
     seed: int = 0

@@ -40,6 +40,17 @@ def refused(tmp_path: pathlib.Path, text: str) -> str:
     return message.removeprefix(str(path))
 
 
+EXAMPLE_PLUME = """plume:
+  type: gaussian
+  source_north_m: 30.0
+  source_east_m: -85.0
+  source_above_home_m: 10.0
+  emission_kgps: 2.5
+  vent_sd_m: 4.0
+"""
+VENT = "plume: {{type: filaments, sources: [{{north_m: 1, east_m: 2}}], {}}}"
+
+
 @pytest.mark.parametrize(("file", "flavour"), [("survey.yaml", "ardupilot"), ("survey_px4.yaml", "px4")])
 def test_the_examples_are_good(file: str, flavour: str) -> None:
     survey = load(EXAMPLES / file)
@@ -122,6 +133,9 @@ def test_a_file_that_is_not_text(tmp_path: pathlib.Path) -> None:
         ("seed: 1", "seed: 1\nfaults: [{kind: fire}]", ["faults[0].kind: ", "battery_low or failsafe or gps_jump"]),
         ("gust_time_s: 5.0", "gust_time_s: 0.001", ["wind.gust_time_s", ">= 0.1"]),
         ("vent_sd_m: 4.0", "vent_sd_m: 0.1", ["plume.vent_sd_m", "more than pure CO2"]),
+        (EXAMPLE_PLUME, "plume: {type: filaments, sources: []}", ["plume.sources"]),
+        (EXAMPLE_PLUME, VENT.format("initial_radius_m: 0.1"), ["plume: ", "ppm", "larger initial_radius_m"]),
+        (EXAMPLE_PLUME, VENT.format("puffs_per_s: 5e4"), ["plume: ", "30,000,000 puffs", "puffs_per_s"]),
         ("source_above_home_m: 10.0", "source_above_home_m: -1.0", ["plume.source_above_home_m"]),
         ("seed: 1", "seed: 1\nradio: {bandwidth_bytes_per_s: 9e3}", ["radio.bandwidth", "only scenarios"]),
         ("seed: 1", "seed: 1\nradio: {dead_links: [[1, 9]]}", ["radio.dead_links[0]", "there is no 9"]),
