@@ -13,9 +13,10 @@ from typing import Any
 import msgspec
 
 from mission.geometry.formation import Layout
-from mission.strategies import mobs, mobs_authors
+from mission.strategies import mobs, mobs_authors, virtual_forces
 from mission.strategies.contract import Strategy
 from mission.strategies.entry import StrategyEntry
+from mission.strategies.lattice import lattice
 from mission.strategies.locus import hybrid, multi
 from mission.strategies.locus import strategy as locus
 from mission.strategies.tracing import anemotaxis, casting, chemotaxis, fluxotaxis
@@ -33,6 +34,9 @@ BUILT_IN: dict[str, StrategyEntry] = {
         chemotaxis.ENTRY,
         anemotaxis.ENTRY,
         fluxotaxis.ENTRY,
+        virtual_forces.ENTRY,
+        virtual_forces.UPWIND_ENTRY,
+        *lattice.ENTRIES,
     )
 }
 
