@@ -13,7 +13,8 @@ from mission.geometry.formation import make_layout
 from mission.geometry.geofence import LocalFence
 from simvehicle.scenario.afflicted_swarm import AfflictedSwarm
 from simvehicle.scenario.agreement import Agreement
-from simvehicle.scenario.own_matters import astray
+from simvehicle.scenario.ground_keeper import GroundKeeper
+from simvehicle.scenario.own_matters import OwnReturns, astray
 from simvehicle.scenario.scenario_result import Violation
 from simvehicle.scenario.swarm import Scenario
 from simvehicle.world.obstacles import TOUCHES_M, Obstacles
@@ -28,9 +29,10 @@ class Invariants:
     """`hear` in every agent's tick and `look` after every step gather what is violated, each kind once for the same
     drones."""
 
-    def __init__(self, flight: Scenario, swarm: AfflictedSwarm) -> None:
+    def __init__(self, flight: Scenario, swarm: AfflictedSwarm, keeper: GroundKeeper | None = None) -> None:
         self._flight = flight
         self._swarm = swarm
+        self._returns = OwnReturns(flight, keeper)
         config = next(iter(flight.members.values())).config
         self._separation_m = config.limits.separation_m
         self._fence = LocalFence(flight.world.frame, config.geofence) if config.geofence else None
@@ -38,8 +40,8 @@ class Invariants:
         self.agreement = Agreement(flight, swarm, layout)
         self._found: dict[tuple[str, str], Violation] = {}
         self._let_pass: set[tuple[str, tuple[int, ...]]] = set()
-        """Pairs that came too near, and drones that came outside or into an obstacle, when one did not know where it
-        was, and are so still."""
+        """Pairs that came too near, and drones that came outside or into an obstacle, when nobody
+        could help it, and are so still."""
 
     @property
     def violations(self) -> tuple[Violation, ...]:
@@ -71,6 +73,7 @@ class Invariants:
             self.violated("pilot", f"drone {drone}", "sends setpoints to a vehicle that its pilot flies")
 
     def look(self) -> None:
+        self._returns.look()
         self._apart()
         self._inside()
         self._clear()
@@ -103,9 +106,11 @@ class Invariants:
                     self.violated("obstacle", f"drone {drone}", f"{clearance_m:.1f} m from an obstacle")
 
     def _is_judged(self, kind: str, drones: tuple[int, ...], wrong: bool) -> bool:
-        """Whether something is wrong, and not since one of them did not know where it was."""
+        """Whether something is wrong, and not since nobody could help it."""
         if not wrong:
             self._let_pass.discard((kind, drones))
-        elif any(astray(self._flight.members[drone]) for drone in drones):
+        elif self._returns.meet_by_themselves(drones) or any(
+            astray(self._flight.members[drone]) for drone in drones
+        ):
             self._let_pass.add((kind, drones))
         return wrong and (kind, drones) not in self._let_pass

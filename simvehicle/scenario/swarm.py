@@ -22,6 +22,7 @@ from flightstack.swarm.wire import (
     DroneState,
     Event,
     GroundBeat,
+    OrderState,
     Phase,
     TableState,
     Traffic,
@@ -99,6 +100,7 @@ class Scenario:
         self.radio = radio if isinstance(radio, MemoryRadio) else MemoryRadio(fleet.seed, model=radio)
         self.states: dict[int, DroneState] = {}
         self.tables: dict[int, TableState] = {}
+        self.orders: dict[int, OrderState] = {}
         self.events: list[tuple[float, Event]] = []
         self.outcomes: list[CommandOutcome] = []
         self.min_separation_m = math.inf
@@ -185,8 +187,8 @@ class Scenario:
     @property
     def source_ned_m(self) -> Vector3 | None:
         """The swarm's estimate of the source, once it is found."""
-        orders = (table.order for table in self.tables.values())
-        return next((order.source_ned_m for order in orders if order and order.source_ned_m), None)
+        sources = (told.order.source_ned_m for told in self.orders.values())
+        return next((source for source in sources if source), None)
 
     # -- one tick ----------------------------------------------------------------------------------------------
 
@@ -231,6 +233,8 @@ class Scenario:
                     self.states[message.sender] = message
                 case TableState():
                     self.tables[message.sender] = message
+                case OrderState():
+                    self.orders[message.sender] = message
                 case Event():
                     self.events.append((self.now_s, message))
                 case CommandOutcome():
