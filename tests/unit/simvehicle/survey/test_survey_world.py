@@ -18,9 +18,11 @@ from simvehicle.world.grid_wind import GridWind
 from simvehicle.world.obstacles import Obstacles
 from simvehicle.world.wind import GustyWind
 from simvehicle.world.world_config import (
+    BoundaryLayerWindConfig,
     GridWindConfig,
     PolygonalObstacle,
     RectangularObstacle,
+    ThermalsConfig,
     WindConfig,
 )
 
@@ -55,6 +57,7 @@ def survey(written: str) -> Survey:
         ("{speed_mps: 2}", WindConfig(speed_mps=2.0)),
         ("{type: uniform, gust_sd_mps: 1}", WindConfig(gust_sd_mps=1.0)),
         ("{type: grid, regime: turbulent}", GridWindConfig(regime="turbulent")),
+        ("{type: boundary-layer, thermals: {}}", BoundaryLayerWindConfig(thermals=ThermalsConfig())),
     ],
 )
 def test_a_wind_without_a_type_is_uniform(written: str, read: object) -> None:
@@ -83,7 +86,12 @@ def test_a_file_makes_its_world_and_so_does_what_the_fleet_is_given() -> None:
 @pytest.mark.parametrize(
     ("changes", "field", "problem"),
     [
-        ({"wind": "{type: girt}"}, "wind.type", "Invalid value 'girt'; write uniform or grid"),
+        (
+            {"wind": "{type: girt}"},
+            "wind.type",
+            "Invalid value 'girt'; write uniform or grid or boundary-layer",
+        ),
+        ({"wind": "{type: boundary-layer, thermals: {life_s: 1}}"}, "wind.thermals.life_s", ">= 60"),
         ({"wind": "{cells: 9}"}, "wind.cells", "unknown key"),
         ({"wind": "{type: grid, regime: calm}"}, "wind.regime", "write laminar or transitional or turbulent"),
         ({"wind": "{type: grid, step_s: 1}"}, "wind.step_s", "would diverge .* steps up to 0.115 s hold"),
@@ -162,7 +170,10 @@ def test_obstacles_around_the_whole_grid_leave_no_air_in() -> None:
         survey(text(wind="{type: grid}", obstacles=sides))
 
 
-@pytest.mark.parametrize("section", [GridWindConfig, RectangularObstacle, PolygonalObstacle])
+@pytest.mark.parametrize(
+    "section",
+    [GridWindConfig, BoundaryLayerWindConfig, ThermalsConfig, RectangularObstacle, PolygonalObstacle],
+)
 def test_every_key_of_the_world_is_explained(section: type[msgspec.Struct]) -> None:
     page = PAGE.read_text(encoding="utf-8")
     assert [name for name in section.__struct_fields__ if f"`{name}`" not in page] == []
