@@ -95,6 +95,11 @@ def test_a_file_makes_its_world_and_so_does_what_the_fleet_is_given() -> None:
         ({"wind": "{cells: 9}"}, "wind.cells", "unknown key"),
         ({"wind": "{type: grid, regime: calm}"}, "wind.regime", "write laminar or transitional or turbulent"),
         ({"wind": "{type: grid, step_s: 1}"}, "wind.step_s", "would diverge .* steps up to 0.115 s hold"),
+        (
+            {"wind": "{type: grid, cells: 1000}"},
+            "wind.cells",
+            "the wind's solver would update .* fewer cells",
+        ),
         ({"wind": "{type: grid, length_m: 100}"}, "plume", "30 m outside the wind's square"),
         (
             {"obstacles": BLOCK.replace("rectangle", "circle")},
@@ -147,6 +152,15 @@ def test_a_wall_across_the_fence_shuts_the_launch_points_off() -> None:
         survey(text(obstacles=wall, more=fence))
 
 
+def test_a_source_outside_the_fence_is_warned_of_and_one_on_top_of_a_rock_is_none_inside_it() -> None:
+    fence = "geofence: {inclusion_circles: [{latitude_deg: -5.06, longitude_deg: 151.3, radius_m: 60}]}"
+    assert "its source lies outside the geofence" in survey(text(more=fence)).warnings[0]
+    rock = BLOCK.replace("}", ", top_above_home_m: 9}")
+    survey(text(obstacles=rock, source="41, source_east_m: 2"))  # 10 m above home
+    with pytest.raises(DocumentError, match="inside"):
+        survey(text(obstacles=rock, source="41, source_above_home_m: 8, source_east_m: 2"))
+
+
 def test_a_fleet_with_such_a_world_is_refused_too() -> None:
     flown = survey(text())
     fleet = draft(flown, in_process(flown)).fleet
@@ -176,4 +190,4 @@ def test_obstacles_around_the_whole_grid_leave_no_air_in() -> None:
 )
 def test_every_key_of_the_world_is_explained(section: type[msgspec.Struct]) -> None:
     page = PAGE.read_text(encoding="utf-8")
-    assert [name for name in section.__struct_fields__ if f"`{name}`" not in page] == []
+    assert [name for name in section.__struct_fields__ if f"`{name}" not in page] == []
