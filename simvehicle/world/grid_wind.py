@@ -185,7 +185,7 @@ class GridWind:
         after = np.empty_like(before)
         corners = self.corners_mps(index * self.step_s)
         for old, new, solid in zip(before, after, self._solid, strict=True):
-            flow_step(old, new, corners, solid, self.spacing_m, self.config.k_m2ps, self.step_s)
+            flow_step(old, new, corners, solid, self.spacing_m, self.config.diffusivity_m2ps, self.step_s)
         return after
 
     def _hold(self, index: int) -> None:
@@ -250,13 +250,12 @@ def nodes_per_s(config: GridWindConfig) -> float:
 
 
 def fastest_mps(config: GridWindConfig) -> float:
-    """No wind of this configuration is ever faster."""
-    return config.speed_mps + _CLIP_SD * (config.spread_mps + config.noise_mps) * math.sqrt(2.0)
+    """No component of the wind of this configuration is ever faster."""
+    return config.speed_mps + _CLIP_SD * (config.spread_mps + config.noise_mps)
 
 
 def stable_step_s(config: GridWindConfig) -> float:
-    """The longest step of forward Euler with central differences that cannot grow: dt <= dx^2 / (4 K) for the
-    diffusion and dt <= 2 K / (u^2 + v^2) for the advection (Hindmarsh, Gresho and Griffiths 1984)."""
-    k_m2ps = config.k_m2ps
-    fastest = max(fastest_mps(config), 1e-9)
-    return min(config.spacing_m * config.spacing_m / (4.0 * k_m2ps), 2.0 * k_m2ps / (fastest * fastest))
+    """The longest step with which no node takes more from its neighbours than there is: dx^2 / (4 K) with the K that
+    `flow_step` takes where the wind is fastest."""
+    spacing_m = config.spacing_m
+    return spacing_m * spacing_m / (4.0 * max(config.diffusivity_m2ps, 0.5 * fastest_mps(config) * spacing_m))

@@ -84,10 +84,9 @@ class GridWindConfig(
     """Standard deviation of each corner's steady wind from the mean, each axis, as a share of the mean speed."""
     corner_noise: Annotated[float, Meta(ge=0.0, le=5.0)] | None = None
     """Standard deviation of what varies in time in each corner, each axis, as a share of the mean speed."""
-    diffusivity_m2ps: Annotated[float, Meta(gt=0.0, le=1e5)] | None = None
-    """None: 3 m2/s, or the mean speed times a cell's width if that is more: with less the wind would ripple from cell
-    to cell beside obstacles."""
-    noise_bandwidth_radps: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.01
+    diffusivity_m2ps: Annotated[float, Meta(gt=0.0, le=1e5)] = 3.0
+    """At least: where the wind is fast and cells are wide the solver mixes more."""
+    noise_bandwidth_radps: Annotated[float, Meta(ge=1e-6, le=2.0)] = 0.01
     noise_damping: Annotated[float, Meta(ge=0.05, le=5.0)] = 0.5
     roughness_m: Annotated[float, Meta(gt=0.0, le=3.0)] | None = None
     """Aerodynamic roughness of the ground: the speed grows with the logarithm of the height, and `speed_mps` is that
@@ -108,12 +107,6 @@ class GridWindConfig(
     def noise_mps(self) -> float:
         share = REGIMES[self.regime][1] if self.corner_noise is None else self.corner_noise
         return share * self.speed_mps
-
-    @property
-    def k_m2ps(self) -> float:
-        if self.diffusivity_m2ps is not None:
-            return self.diffusivity_m2ps
-        return max(3.0, self.speed_mps * self.spacing_m)
 
 
 class GaussianPlume(

@@ -123,7 +123,7 @@ def _wind_problems(wind: GridWindConfig) -> Iterator[tuple[str, str]]:
         yield (
             "wind.cells",
             f"the wind's solver would update {work:.2g} nodes for each second of wind, {MOST_NODES_PER_S:.0e} are "
-            "the most; give fewer cells, a longer length_m or less diffusivity_m2ps",
+            "the most; give fewer cells, or a longer step_s if there is one",
         )
 
 

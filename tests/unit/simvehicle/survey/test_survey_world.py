@@ -94,7 +94,7 @@ def test_a_file_makes_its_world_and_so_does_what_the_fleet_is_given() -> None:
         ({"wind": "{type: boundary-layer, thermals: {life_s: 1}}"}, "wind.thermals.life_s", ">= 60"),
         ({"wind": "{cells: 9}"}, "wind.cells", "unknown key"),
         ({"wind": "{type: grid, regime: calm}"}, "wind.regime", "write laminar or transitional or turbulent"),
-        ({"wind": "{type: grid, step_s: 1}"}, "wind.step_s", "would diverge .* steps up to 0.115 s hold"),
+        ({"wind": "{type: grid, step_s: 1}"}, "wind.step_s", "would diverge .* steps up to 0.163 s hold"),
         (
             {"wind": "{type: grid, cells: 1000}"},
             "wind.cells",
