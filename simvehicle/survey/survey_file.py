@@ -378,7 +378,7 @@ class _Checks:
                     f"drone {drone.id}'s launch point is {where}; move it or widen the fence",
                 )
         aims = sources(self._config)
-        if aims and not any(local.contains(*place) for _, place in aims):
+        if aims and not any(local.contains(*place[:2]) for _, place in aims):
             self._warnings.append(
                 f"{self._file}: plume: its source lies outside the geofence: the swarm cannot reach it"
             )
@@ -388,21 +388,24 @@ class _Checks:
         config = self._config
         if not config.obstacles:
             return
-        homes = [(drone.home_north_m, drone.home_east_m) for drone in drones]
-        clear_m = Obstacles(config.obstacles).clearances_m(np.array([(*home, 0.0) for home in homes]))
-        for index, (drone, away_m) in enumerate(zip(drones, clear_m.tolist(), strict=True)):
+        homes = [(drone.home_north_m, drone.home_east_m, 0.0) for drone in drones]
+        obstacles = Obstacles(config.obstacles)
+        for index, drone in enumerate(drones):
+            away_m = obstacles.clearance_m(homes[index])
             if away_m < 0.5 * WAY_M:
                 where = "inside an obstacle" if away_m < 0.0 else f"{away_m:.1f} m from an obstacle"
                 raise self._fail(
                     self._place(index, "home_north_m"),
                     f"drone {drone.id}'s launch point is {where}; move one of them, at least {0.5 * WAY_M:g} m apart",
                 )
-        aims = sources(config)
+        local = LocalFence(self._frame, fence) if fence else None
+        # Of sources outside the fence a warning has told already.
+        aims = [aim for aim in sources(config) if local is None or local.contains(*aim[1][:2])]
         shut = shut_in(
             [*homes, *(place for _, place in aims)],
             config.obstacles,
             ceiling_m=config.limits.ceiling_above_home_m,
-            bounds=LocalFence(self._frame, fence).area if fence else None,
+            bounds=None if local is None else local.area,
         )
         way = f"no way of {WAY_M:g} m between the obstacles, below the ceiling and inside the fence, leads"
         for index, drone in enumerate(drones):

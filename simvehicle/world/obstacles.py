@@ -51,6 +51,10 @@ class Obstacles:
     def count(self) -> int:
         return len(self._standing)
 
+    def each(self) -> Iterator[Obstacles]:
+        """One after another, alone."""
+        return (Obstacles((one,)) for one in self._standing)
+
     def taller_than(self, up_m: float) -> Obstacles:
         """Those whose tops are above a height above home."""
         return Obstacles([one for one in self._standing if top_m(one) > up_m])

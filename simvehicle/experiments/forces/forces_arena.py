@@ -243,7 +243,9 @@ def start_places(world: ForcesWorld, place: Place, seed: int, trial: int, robots
         apart_m = np.linalg.norm(np.array(found) - at, axis=1).min()
         if apart_m > _APART * radius_m and clearances_of(place.terrain, at[None])[0] > radius_m:
             found.append(at)
-    raise TrialsError(f"world {world.number}: no room for {robots} robots at the {world.arena} arena's downwind end")
+    raise TrialsError(
+        f"world {world.number}: no room for {robots} robots at the {world.arena} arena's downwind end"
+    )
 
 
 def _thickest(place: Place, low: FloatArray, high: FloatArray, radius_m: float) -> FloatArray:
@@ -291,4 +293,6 @@ def _obstacles(world: ForcesWorld, rng: np.random.Generator) -> list[Rectangular
                     length_east_m=float(length_e),
                 )
             )
-    raise TrialsError(f"world {world.number}: no room for {world.obstacles} obstacles in the {world.arena} arena")
+    raise TrialsError(
+        f"world {world.number}: no room for {world.obstacles} obstacles in the {world.arena} arena"
+    )
