@@ -25,6 +25,7 @@ from simvehicle.survey.agent_faults import Freeze
 from simvehicle.survey.conduct import words
 from simvehicle.survey.healing import Healing, Rejoin
 from simvehicle.survey.watch import EventMark, Log, OrderMark, SlotMark, Standing, StandingMark
+from simvehicle.world.world_config import RectangularObstacle
 
 ORIGIN = Geodetic(38.4, 14.96, 300.0)
 TIMES_S = np.arange(0.0, 60.0, 0.1)
