@@ -148,8 +148,6 @@ def make_table(drone: int, members: tuple[int, ...], *, epoch: int = 1, **change
         slots=tuple((slot, SlotRegister(epoch, member)) for slot, member in enumerate(members)),
         members=(),
         absent=(),
-        order=None,
-        ordered_by=None,
     )
     return msgspec.structs.replace(table, **changes)
 
