@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from simvehicle.experiments.experiment import Paper
+from simvehicle.experiments.forces.forces_paper import FORCES
 from simvehicle.experiments.locus.paper import LOCUS
 from simvehicle.trials.trials_error import TrialsError
 
-PAPERS: tuple[Paper, ...] = (LOCUS,)
+PAPERS: tuple[Paper, ...] = (LOCUS, FORCES)
 
 
 def paper_of(name: str) -> Paper:
