@@ -30,7 +30,7 @@ from simvehicle.cli.trial_options import (
     words,
 )
 
-EXPERIMENTS = ("locus-1", "locus-2", "locus-3", "locus-4")
+EXPERIMENTS = ("locus-1", "locus-2", "locus-3", "locus-4", "fluxo-3", "fluxo-4")
 """Of `simvehicle.experiments.papers`, which takes long to import."""
 
 
