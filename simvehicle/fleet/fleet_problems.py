@@ -14,6 +14,7 @@ from simvehicle.drone.drone_spec import VehicleSpec
 from simvehicle.faults.fault_table import FAULTS, FaultSpec
 from simvehicle.fleet.fleet_config import FARTHEST_HOME_M, FleetConfig
 from simvehicle.instruments import make_emulator
+from simvehicle.world import world_problems
 
 
 class FleetError(ValueError):
@@ -27,6 +28,8 @@ class FleetError(ValueError):
 
 def problems(config: FleetConfig) -> Iterator[FleetError]:
     """What cannot be flown although every value is of its type."""
+    for field, problem in world_problems.problems(config):
+        yield FleetError(field, problem)
     ids = [vehicle.id for vehicle in config.vehicles]
     for index, vehicle in enumerate(config.vehicles):
         if vehicle.id in ids[:index]:

@@ -156,6 +156,7 @@ def draft(survey: Survey, addresses: Addresses) -> Draft:
         wind=config.wind,
         plume=config.plume,
         background_co2_ppm=config.background_co2_ppm,
+        obstacles=config.obstacles,
         speedup=config.speedup,
         seed=config.seed,
         ready_after_s=config.ready_after_s,

@@ -39,7 +39,10 @@ from simvehicle.fleet.fleet_problems import what_does_not_fit
 from simvehicle.instruments import make_emulator
 from simvehicle.survey.fault_options import fault_option
 from simvehicle.world.configured import make_world
-from simvehicle.world.world_config import GaussianPlume, WorldConfig, source_places
+from simvehicle.world.obstacles import Obstacles
+from simvehicle.world.world_config import GaussianPlume, WorldConfig
+from simvehicle.world.world_problems import WAY_M, shut_in, sources
+from simvehicle.world.world_problems import problems as world_problems
 
 GROUND_STATION = "ground"
 """The ground station's name among the nodes of the swarm."""
@@ -206,8 +209,11 @@ class _Checks:
     def run(self) -> Survey:
         drones = self._drones()
         self._launch_points(drones)
+        for field, problem in world_problems(self._config):
+            raise self._fail(field, problem)
         fence = self._geofence()
         self._in_the_fence(drones, fence)
+        self._between_obstacles(drones, fence)
         self._as_agents_see_it(drones, fence)
         self._emulated(drones)
         self._plume()
@@ -310,14 +316,9 @@ class _Checks:
                 raise self._fail(f"drones[{index}].parameters", str(error)) from error
 
     def _plume(self) -> None:
-        if self._config.plume is None:
-            return
-        try:
-            gas = make_world(self._config).gas
-        except ValueError as error:
-            raise self._fail("plume", str(error)) from error
         if not isinstance(self._config.plume, GaussianPlume):
             return
+        gas = make_world(self._config).gas
         most_ppm = gas.excess_co2_ppm(gas.source_ned_m, 0.0)
         if most_ppm > 1e6:
             raise self._fail(
@@ -347,11 +348,43 @@ class _Checks:
                     self._place(index, "home_north_m"),
                     f"drone {drone.id}'s launch point is {where}; move it or widen the fence",
                 )
-        plume = self._config.plume
-        if plume is not None and not any(itertools.starmap(local.contains, source_places(plume))):
+        aims = sources(self._config)
+        if aims and not any(local.contains(*place) for _, place in aims):
             self._warnings.append(
                 f"{self._file}: plume: its source lies outside the geofence: the swarm cannot reach it"
             )
+
+    def _between_obstacles(self, drones: tuple[SurveyDrone, ...], fence: Geofence | None) -> None:
+        """Nobody starts in or beside one, and there is a way for everybody to every source."""
+        config = self._config
+        if not config.obstacles:
+            return
+        homes = [(drone.home_north_m, drone.home_east_m) for drone in drones]
+        clear_m = Obstacles(config.obstacles).clearances_m(np.array([(*home, 0.0) for home in homes]))
+        for index, (drone, away_m) in enumerate(zip(drones, clear_m.tolist(), strict=True)):
+            if away_m < 0.5 * WAY_M:
+                where = "inside an obstacle" if away_m < 0.0 else f"{away_m:.1f} m from an obstacle"
+                raise self._fail(
+                    self._place(index, "home_north_m"),
+                    f"drone {drone.id}'s launch point is {where}; move one of them, at least {0.5 * WAY_M:g} m apart",
+                )
+        aims = sources(config)
+        shut = shut_in(
+            [*homes, *(place for _, place in aims)],
+            config.obstacles,
+            ceiling_m=config.limits.ceiling_above_home_m,
+            bounds=LocalFence(self._frame, fence).area if fence else None,
+        )
+        way = f"no way of {WAY_M:g} m between the obstacles, below the ceiling and inside the fence, leads"
+        for index, drone in enumerate(drones):
+            if shut[index]:
+                raise self._fail(
+                    self._place(index, "home_north_m"),
+                    f"{way} from drone {drone.id}'s launch point to the others",
+                )
+        for (field, _), closed in zip(aims, shut[len(homes) :], strict=True):
+            if closed:
+                raise self._fail(field, f"{way} from the launch points to the source")
 
     def _faults(self, drones: tuple[SurveyDrone, ...]) -> None:
         by_id = {drone.id: drone for drone in drones}

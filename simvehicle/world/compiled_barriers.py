@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission.geometry.formation import FloatArray, IntArray
-from simvehicle.compiled import compiled, kernel
+from simvehicle.compiled import kernel
 from simvehicle.world.compiled_obstacles import clearance_m, range_m
 from simvehicle.world.fields import OPEN_GROUND, ObstacleField
 from simvehicle.world.obstacles import Obstacles
@@ -39,7 +39,7 @@ class Barriers(NamedTuple):
 
 def make_barriers(obstacles: ObstacleField) -> Barriers:
     """`TypeError` for obstacles without outlines."""
-    if obstacles is OPEN_GROUND or (isinstance(obstacles, Obstacles) and not len(obstacles.tops_m)):
+    if obstacles is OPEN_GROUND or (isinstance(obstacles, Obstacles) and not obstacles.count):
         return Barriers(
             np.zeros((0, 2)),
             np.zeros(1, np.int64),
@@ -115,9 +115,3 @@ def blocked(
     return (
         range_m(corners_m, first, tops_m, north_m, east_m, lowest_m, math.atan2(along_e, along_n)) <= away_m
     )
-
-
-@compiled
-def inside_of(barriers: Barriers, north_m: float, east_m: float, up_m: float) -> bool:
-    """`inside`, for Python."""
-    return inside(barriers, north_m, east_m, up_m)

@@ -19,8 +19,7 @@ import numpy as np
 
 from mission.geometry.formation import FloatArray
 from mission.geometry.frames import Vector3
-from simvehicle.world.atmosphere import co2_density_kgpm3
-from simvehicle.world.compiled_barriers import inside_of, make_barriers
+from simvehicle.world.compiled_barriers import make_barriers
 from simvehicle.world.compiled_filaments import (
     BLOCK,
     EAST,
@@ -42,11 +41,10 @@ from simvehicle.world.compiled_filaments import (
     make_ready,
 )
 from simvehicle.world.fields import OPEN_GROUND, ObstacleField, WindField
+from simvehicle.world.gas_formulas import puff_strength_ppm_m3
 from simvehicle.world.grid_wind import GridWind
 from simvehicle.world.world_config import FilamentPlume, FlatFilamentPlume
 
-MOST_PUFFS: Final = 2_000_000
-"""In the air at a time: some 200 MB."""
 _FIRST_CAPACITY: Final = 64
 _FLAT_DOWN_M: Final = -10.0
 """Where a flat plume goes with a wind that is not the same at every height: where winds are measured."""
@@ -83,15 +81,14 @@ class Filaments:
         seed: int,
         obstacles: ObstacleField = OPEN_GROUND,
     ) -> None:
-        """`amsl_m`: altitude of home above mean sea level, for the density of the air. `wind`: shared with nobody who
-        asks for other times. `ValueError`: a source that cannot be, or too many puffs."""
+        """`amsl_m`: altitude of home above mean sea level, for the density of the air. `wind` is asked half a step
+        ahead of the puffs, at times that go on as they do."""
         self.config = config
         self._wind = wind
         self._barriers = make_barriers(obstacles)
         self._upright = isinstance(config, FilamentPlume)
         self._sources_m = _source_places(config)
         self._strengths = _strengths(config, amsl_m)
-        self._check()
         self._moving_mps = np.array([[s.moving_north_mps, s.moving_east_mps] for s in config.sources])
         self._before: SingleArray
         """(fields, sources, capacity) puffs at the beginning of the step; `_after` at its end."""
@@ -333,31 +330,6 @@ class Filaments:
             if self._upright:
                 self._winds[2, source, :count] = -winds[:, 2]
 
-    # -- what holds --------------------------------------------------------------------------------------------------
-
-    def _check(self) -> None:
-        config, wind = self.config, self._wind
-        most = len(config.sources) * config.puffs_per_s * config.lifetime_s
-        if most > MOST_PUFFS:
-            raise ValueError(
-                f"the plume would have up to {most:,.0f} puffs in the air, and {MOST_PUFFS:,} are the most: "
-                "give it fewer puffs_per_s or a shorter lifetime_s"
-            )
-        fresh_ppm = float(self._strengths.max()) / config.initial_radius_m**3
-        if self._upright and fresh_ppm > 1e6:
-            raise ValueError(
-                f"a fresh puff of the plume would have {fresh_ppm:.3g} ppm at its centre, more than pure CO2: give "
-                "it a larger initial_radius_m, more puffs_per_s or a smaller emission_kgps"
-            )
-        for number, (north_m, east_m, up_m) in enumerate(self._sources_m.tolist()):
-            place = f"source {number} of the plume ({north_m:g} m north, {east_m:g} m east)"
-            if inside_of(self._barriers, north_m, east_m, up_m):
-                raise ValueError(f"{place} is inside an obstacle")
-            if isinstance(wind, GridWind):
-                side_m = wind.config.length_m
-                if not (0.0 <= north_m - wind.south_m <= side_m and 0.0 <= east_m - wind.west_m <= side_m):
-                    raise ValueError(f"{place} is outside the wind's square of {side_m:g} m")
-
 
 def _source_places(config: FilamentPlume | FlatFilamentPlume) -> FloatArray:
     """(sources, 3) north, east, up at time 0; flat plumes have no height."""
@@ -370,11 +342,7 @@ def _strengths(config: FilamentPlume | FlatFilamentPlume, amsl_m: float) -> Sing
     """(sources,) what a puff of 1 m radius has at its centre, in ppm."""
     if isinstance(config, FilamentPlume):
         ppm = [
-            1e6
-            * source.emission_kgps
-            / config.puffs_per_s
-            / math.pi**1.5
-            / co2_density_kgpm3(amsl_m + source.above_home_m)
+            puff_strength_ppm_m3(source.emission_kgps / config.puffs_per_s, amsl_m + source.above_home_m)
             for source in config.sources
         ]
     else:

@@ -144,7 +144,7 @@ def make_gas(
 ) -> GasField:
     """The gas that a configuration describes; None is clean air.
 
-    Give puffs a wind that nobody else asks: they go through it at their own pace. `ValueError`: no such plume can be.
+    `amsl_m`: altitude of home above mean sea level.
     """
     if config is None:
         return CleanAir()

@@ -1,210 +1,238 @@
-"""A wind that varies over the area: advection and diffusion from noisy corners, around obstacles (Farrell et al. 2002).
+"""A wind that varies over the area: advection and diffusion from noisy corners, around obstacles.
 
 J. A. Farrell, J. Murlis, X. Long, W. Li, R. T. Carde: "Filament-based atmospheric dispersion model to achieve short
 time-scale structure of odor plumes", Environmental Fluid Mechanics 2, 143-169 (2002). Each of the four corners of a
 square has a wind of its own: the mean, a steady random deviation, and coloured noise. Along the edges it is
-interpolated, inside it is what `flow_step` makes of that. The model transports momentum without a pressure, so the
-flow has a divergence: `GridWind.divergence_ps` tells it.
+interpolated, inside it is what `flow_step` makes of that. The model transports momentum without a pressure: no
+component of the wind leaves the range of the edges' (and of 0, where obstacles are), but the flow has a divergence,
+which `GridWind.divergence_ps` tells.
 """
 
 from __future__ import annotations
 
-import collections
+import bisect
 import math
 from typing import Final
 
 import numpy as np
-import scipy.linalg
+from numpy.typing import NDArray
 
 from mission.geometry.formation import FloatArray
 from mission.geometry.frames import Vector3, wind_from
-from simvehicle.world.fields import OPEN_GROUND, ObstacleField
+from simvehicle.world.coloured_noise import ColouredNoise
+from simvehicle.world.flow_states import FlowStates
+from simvehicle.world.obstacles import Obstacles
+from simvehicle.world.wind_formulas import flow_at, log_law
 from simvehicle.world.world_config import GridWindConfig
 
-REFERENCE_M: Final = 10.0
-"""Where a wind with a profile blows as the grid says, above home: the height at which winds are measured."""
-_CLIP_SD: Final = 4.0
-"""A corner's noise goes no further than this many standard deviations: the solver's stability rests on a bound."""
+_CLIP_SD: Final = 3.0
+"""A corner's deviations go no further than this many standard deviations: the solver's stability rests on a bound."""
 _SAFE_SHARE: Final = 0.8
 """Of the longest stable step, when the step is not configured."""
-_KEPT: Final = 32
-"""States behind the newest that are still known: who asks for earlier times makes the wind flow again from the start."""
+_LONGEST_SPIN_UP_S: Final = 3600.0
+_SLOWEST_MPS: Final = 0.1
+_STILL: Final = (0.0, 0.0, 0.0)
 
 
 class GridWind:
-    """A `WindField`: a pure function of configuration, obstacles, seed, position and time."""
+    """A `WindField`: a pure function of configuration, obstacles, seed, position and time.
 
-    def __init__(self, config: GridWindConfig, seed: int, obstacles: ObstacleField = OPEN_GROUND) -> None:
+    The flow is horizontal and the same at every height, but for the profile and for obstacles: above the top of one
+    the air flows as if it were not there. So there is one plane of flow for each distinct height of tops.
+    """
+
+    def __init__(self, config: GridWindConfig, seed: int, obstacles: Obstacles | None = None) -> None:
         """`ValueError`: the configured step would let the solver diverge; it names the step that holds."""
-        self.mean_ned_mps: Vector3 = wind_from(config.speed_mps, config.from_deg)
         self.config = config
-        self.spacing_m = config.length_m / config.cells
+        self.mean_ned_mps: Vector3 = wind_from(config.speed_mps, config.from_deg)
+        self.obstacles = Obstacles(()) if obstacles is None else obstacles
+        self._has_obstacles = self.obstacles.count > 0
+        self.spacing_m = config.spacing_m
+        self.nodes = config.cells + 1
         self.south_m = config.centre_north_m - 0.5 * config.length_m
         self.west_m = config.centre_east_m - 0.5 * config.length_m
-        self._seed = seed
-        self.step_s = self._checked_step_s()
-        self.solid = self._solid_nodes(obstacles)
-        """(nodes, nodes) where there is no flow; rows go north, columns east."""
-        self._spin_up = math.ceil(2.0 * config.length_m / max(config.speed_mps, 0.1) / self.step_s)
-        """Steps before time 0, in which the flow forgets how it was begun."""
-        self._begin()
+        self.step_s = checked_step_s(config)
+        self._tops_m = sorted({top for top in self.obstacles.tops_m.tolist() if math.isfinite(top)})
+        """Plane k is the air from the k-th of these tops to the next."""
+        per_plane = [self.obstacles, *(self.obstacles.taller_than(top_m) for top_m in self._tops_m)]
+        self._solid = np.stack([self._near(standing, 0.5 * self.spacing_m) for standing in per_plane])
+        # A cell between four nodes that an obstacle reaches into.
+        self._touched = np.stack(
+            [self._near(standing, math.sqrt(0.5) * self.spacing_m, cells=True) for standing in per_plane]
+        )
+        self._touched_bytes = [plane.tobytes() for plane in self._touched]
+        self._touching: dict[int, Obstacles] = {}
+        spin_up_s = min(2.0 * config.length_m / max(config.speed_mps, _SLOWEST_MPS), _LONGEST_SPIN_UP_S)
+        """In which the flow forgets how it was begun, before time 0."""
+        self._spin_up = math.ceil(spin_up_s / self.step_s)
+        rng = np.random.default_rng([seed & 0xFFFFFFFF, 0x6A1D])
+        north, east, _ = self.mean_ned_mps
+        spread = np.clip(rng.standard_normal((2, 2, 2)), -_CLIP_SD, _CLIP_SD) * config.spread_mps
+        self._steady = np.array([north, east])[:, None, None] + spread
+        """(axis, south or north, west or east)"""
+        self._noise = ColouredNoise(
+            config.noise_bandwidth_radps, config.noise_damping, rng, processes=8, begin_s=-spin_up_s
+        )
+        self._states = FlowStates(self._first, self._next, begin=-self._spin_up)
+        self._held = -1
+        self._views: list[tuple[memoryview, memoryview]] = []
+        """Of each plane in the held state and in the one after it."""
+
+    @property
+    def solid(self) -> NDArray[np.bool_]:
+        """(nodes, nodes) where there is no flow at the ground: nodes to which an obstacle is nearer than half a cell,
+        so that nothing flows through the thinnest wall. Rows go north, columns east."""
+        return np.asarray(self._solid[0])
 
     def wind_ned_mps(self, position_ned_m: Vector3, time_s: float) -> Vector3:
-        north, east, _ = self._winds(np.array([position_ned_m]), time_s)[0].tolist()
-        return north, east, 0.0
-
-    def winds_ned_mps(self, positions_ned_m: FloatArray, time_s: float) -> FloatArray:
-        return self._winds(np.asarray(positions_ned_m, np.float64), time_s)
-
-    def grid_mps(self, time_s: float) -> FloatArray:
-        """(2, nodes, nodes) wind to the north and the east `REFERENCE_M` above home; times before 0 count as 0."""
+        north_m, east_m, down_m = position_ned_m
         place = max(0.0, time_s) / self.step_s
         index = int(place)
-        before, after = self._state(index), self._state(index + 1)
-        return before + (place - index) * (after - before)
+        if index != self._held:
+            self._hold(index)
+        plane = bisect.bisect_right(self._tops_m, -down_m) if self._tops_m else 0
+        row, column = (north_m - self.south_m) / self.spacing_m, (east_m - self.west_m) / self.spacing_m
+        if self._has_obstacles and self._inside(plane, row, column, position_ned_m):
+            return _STILL
+        before, after = self._views[plane]
+        north, east = flow_at(before, after, place - index, self.nodes, row, column)  # type: ignore[arg-type]
+        roughness_m = self.config.roughness_m
+        if roughness_m is None:
+            return north, east, 0.0
+        strength = log_law(-down_m, roughness_m)
+        return strength * north, strength * east, 0.0
+
+    def winds_ned_mps(self, positions_ned_m: FloatArray, time_s: float) -> FloatArray:
+        from simvehicle.world.compiled_flow import flow_winds
+
+        positions = np.ascontiguousarray(positions_ned_m, np.float64)
+        winds = np.empty((len(positions), 3))
+        doubtful = np.empty(len(positions), np.bool_)
+        place = max(0.0, time_s) / self.step_s
+        index = int(place)
+        before, after = self._states.at(index), self._states.at(index + 1)
+        flow_winds(
+            before.reshape(len(before), -1),
+            after.reshape(len(after), -1),
+            place - index,
+            np.searchsorted(self._tops_m, -positions[:, 2], side="right"),
+            self._touched,
+            self.nodes,
+            self.south_m,
+            self.west_m,
+            self.spacing_m,
+            self.config.roughness_m or 0.0,
+            positions,
+            winds,
+            doubtful,
+        )
+        if self._has_obstacles:
+            doubtful[doubtful] = self.obstacles.clearances_m(positions[doubtful]) <= 0.0
+            winds[doubtful] = 0.0
+        return winds
+
+    def grid_mps(self, time_s: float, up_m: float = 0.0) -> FloatArray:
+        """(2, nodes, nodes) wind to the north and the east at the nodes, as between obstacles that are higher than
+        `up_m`, and without the profile; times before 0 count as 0."""
+        place = max(0.0, time_s) / self.step_s
+        index = int(place)
+        plane = bisect.bisect_right(self._tops_m, up_m)
+        before, after = self._states.at(index)[plane], self._states.at(index + 1)[plane]
+        return np.asarray(before + (place - index) * (after - before))
 
     def divergence_ps(self, time_s: float) -> FloatArray:
-        """(nodes - 2, nodes - 2) divergence of the flow inside the square, 1/s."""
+        """(nodes - 2, nodes - 2) divergence of the flow at the ground inside the square, 1/s."""
         wind = self.grid_mps(time_s)
         north = wind[0, 2:, 1:-1] - wind[0, :-2, 1:-1]
         east = wind[1, 1:-1, 2:] - wind[1, 1:-1, :-2]
         return np.asarray((north + east) / (2.0 * self.spacing_m))
 
-    def profile(self, up_m: FloatArray) -> FloatArray:
-        """How strong the wind is at heights above home, as a share of that at `REFERENCE_M`: the logarithmic law
-        over rough ground, 0 below the roughness."""
-        roughness_m = self.config.roughness_m
-        if roughness_m is None:
-            return np.ones_like(up_m)
-        heights = np.maximum(up_m, roughness_m) / roughness_m
-        return np.asarray(np.log(heights) / math.log(REFERENCE_M / roughness_m))
+    def corners_mps(self, time_s: float) -> FloatArray:
+        """(2, 2, 2): north and east wind in the south-western, south-eastern, north-western, north-eastern corner."""
+        noise = np.clip(self._noise.at(time_s), -_CLIP_SD, _CLIP_SD).reshape(2, 2, 2)
+        return np.asarray(self._steady + noise * self.config.noise_mps)
 
-    # -- the state -----------------------------------------------------------------------------------------------
+    # -- the flow ------------------------------------------------------------------------------------------------
 
-    def _begin(self) -> None:
-        self._rng = np.random.default_rng([self._seed & 0xFFFFFFFF, 0x6A1D])
-        north, east, _ = self.mean_ned_mps
-        speed = self.config.speed_mps
-        spread = self._clipped(self._rng.standard_normal((2, 2, 2))) * (self.config.corner_spread * speed)
-        self._steady = np.array([north, east])[:, None, None] + spread
-        """(axis, south or north, west or east)"""
-        self._transition, self._kick, sd = _coloured_noise(self.config, self.step_s)
-        self._noise = self._rng.standard_normal((2, 8)) * sd[:, None]
-        """Value and rate of change of eight processes, in standard deviations."""
-        self._states: collections.deque[FloatArray] = collections.deque(maxlen=_KEPT)
-        nodes = self.config.cells + 1
-        wind = np.zeros((2, nodes, nodes))
-        self._fill_edges(wind, everywhere=True)
-        wind[:, self.solid] = 0.0
-        self._states.append(wind)
-        self._newest = -self._spin_up
+    def _first(self) -> FloatArray:
+        """The corners' wind over the whole square."""
+        corners = self.corners_mps(-self._spin_up * self.step_s)
+        share = np.linspace(0.0, 1.0, self.nodes)
+        sides = corners[:, 0, None] * (1.0 - share)[:, None] + corners[:, 1, None] * share[:, None]
+        flow = sides[:, :, 0, None] * (1.0 - share) + sides[:, :, 1, None] * share
+        planes = np.repeat(flow[None], len(self._solid), axis=0)
+        planes[np.broadcast_to(self._solid[:, None], planes.shape)] = 0.0
+        return planes
 
-    def _state(self, index: int) -> FloatArray:
-        """The wind after `index` steps."""
-        if index <= self._newest - len(self._states):
-            self._begin()
-        while self._newest < index:
-            self._flow()
-        return self._states[index - self._newest - 1]
-
-    def _flow(self) -> None:
+    def _next(self, before: FloatArray, index: int) -> FloatArray:
+        """The state `index` steps from time 0, after the state `before`."""
         # Loaded here: who configures a uniform wind starts without a compiler.
         from simvehicle.world.compiled_flow import flow_step
 
-        before = self._states[-1]
         after = np.empty_like(before)
-        self._noise = self._transition @ self._noise + self._kick @ self._rng.standard_normal((2, 8))
-        self._fill_edges(after)
-        flow_step(before, after, self.solid, self.spacing_m, self.config.diffusivity_m2ps, self.step_s)
-        self._states.append(after)
-        self._newest += 1
+        corners = self.corners_mps(index * self.step_s)
+        for old, new, solid in zip(before, after, self._solid, strict=True):
+            flow_step(old, new, corners, solid, self.spacing_m, self.config.k_m2ps, self.step_s)
+        return after
 
-    def _fill_edges(self, wind: FloatArray, *, everywhere: bool = False) -> None:
-        """The corners' wind along the edges, or over the whole square."""
-        noise = self._clipped(self._noise[0]).reshape(2, 2, 2)
-        corners = self._steady + noise * (self.config.corner_noise * self.config.speed_mps)
-        share = np.linspace(0.0, 1.0, wind.shape[1])
-        west = corners[:, 0, 0, None] * (1.0 - share) + corners[:, 1, 0, None] * share
-        east = corners[:, 0, 1, None] * (1.0 - share) + corners[:, 1, 1, None] * share
-        if everywhere:
-            wind[:] = west[:, :, None] * (1.0 - share) + east[:, :, None] * share
-        wind[:, :, 0], wind[:, :, -1] = west, east
-        for row, corner in ((0, 0), (-1, 1)):
-            wind[:, row] = corners[:, corner, 0, None] * (1.0 - share) + corners[:, corner, 1, None] * share
-        wind[:, self.solid] = 0.0
+    def _hold(self, index: int) -> None:
+        before, after = self._states.at(index), self._states.at(index + 1)
+        self._views = [
+            (old.reshape(-1).data, new.reshape(-1).data) for old, new in zip(before, after, strict=True)
+        ]
+        self._held = index
 
-    def _winds(self, positions_ned_m: FloatArray, time_s: float) -> FloatArray:
-        wind = self.grid_mps(time_s)
-        last = self.config.cells
-        rows = np.clip((positions_ned_m[:, 0] - self.south_m) / self.spacing_m, 0.0, last)
-        columns = np.clip((positions_ned_m[:, 1] - self.west_m) / self.spacing_m, 0.0, last)
-        row, column = (
-            np.minimum(rows.astype(np.int64), last - 1),
-            np.minimum(columns.astype(np.int64), last - 1),
+    # -- obstacles -----------------------------------------------------------------------------------------------
+
+    def _near(self, standing: Obstacles, within_m: float, *, cells: bool = False) -> NDArray[np.bool_]:
+        """Which nodes (or middles of cells) an obstacle is so near to."""
+        count, offset = (self.nodes - 1, 0.5) if cells else (self.nodes, 0.0)
+        if not standing.count:
+            return np.zeros((count, count), np.bool_)
+        along_m = self.spacing_m * (np.arange(count) + offset)
+        north, east = np.meshgrid(self.south_m + along_m, self.west_m + along_m, indexing="ij")
+        places = np.column_stack([north.ravel(), east.ravel(), np.zeros(count * count)])
+        return np.asarray(standing.clearances_m(places) <= within_m).reshape(count, count)
+
+    def _inside(self, plane: int, row: float, column: float, position_ned_m: Vector3) -> bool:
+        cells = self.nodes - 1
+        if not (0.0 <= row < cells and 0.0 <= column < cells):
+            return self.obstacles.clearance_m(position_ned_m) <= 0.0
+        i, j = int(row), int(column)
+        cell = i * cells + j
+        if not self._touched_bytes[plane][cell]:
+            return False
+        # The few that reach into this cell: nobody asks all of the world's thousands of times a second.
+        standing = self._touching.get(cell)
+        if standing is None:
+            middle_m = (self.south_m + (i + 0.5) * self.spacing_m, self.west_m + (j + 0.5) * self.spacing_m)
+            standing = self._touching[cell] = self.obstacles.near(middle_m, self.spacing_m)
+        return standing.clearance_m(position_ned_m) <= 0.0
+
+
+def checked_step_s(config: GridWindConfig) -> float:
+    """The solver's step; `ValueError` where the configured one would let it diverge."""
+    longest_s = stable_step_s(config)
+    if config.step_s is None:
+        return _SAFE_SHARE * longest_s
+    if config.step_s > longest_s:
+        digits = 2 - math.floor(math.log10(longest_s))
+        holds_s = math.floor(longest_s * 10.0**digits) / 10.0**digits
+        raise ValueError(
+            f"the wind's solver would diverge with a step of {config.step_s:g} s; steps up to {holds_s:g} s hold, "
+            "and without step_s it finds its own"
         )
-        a, b = rows - row, columns - column
-        south = wind[:, row, column] * (1.0 - b) + wind[:, row, column + 1] * b
-        north = wind[:, row + 1, column] * (1.0 - b) + wind[:, row + 1, column + 1] * b
-        winds = np.zeros((len(positions_ned_m), 3))
-        winds[:, :2] = (south * (1.0 - a) + north * a).T
-        winds[:, :2] *= self.profile(-positions_ned_m[:, 2])[:, None]
-        return winds
-
-    def _solid_nodes(self, obstacles: ObstacleField) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
-        nodes = self.config.cells + 1
-        if obstacles is OPEN_GROUND:
-            return np.zeros((nodes, nodes), np.bool_)
-        north, east = np.meshgrid(
-            self.south_m + self.spacing_m * np.arange(nodes),
-            self.west_m + self.spacing_m * np.arange(nodes),
-            indexing="ij",
-        )
-        places = np.column_stack([north.ravel(), east.ravel(), np.zeros(nodes * nodes)])
-        return np.asarray(obstacles.clearances_m(places) <= 0.0).reshape(nodes, nodes)
-
-    # -- what holds ----------------------------------------------------------------------------------------------
-
-    def _clipped(self, deviations: FloatArray) -> FloatArray:
-        return np.clip(deviations, -_CLIP_SD, _CLIP_SD)
-
-    def _checked_step_s(self) -> float:
-        longest_s = stable_step_s(self.config)
-        if self.config.step_s is None:
-            return _SAFE_SHARE * longest_s
-        if self.config.step_s > longest_s:
-            raise ValueError(
-                f"the wind's solver would diverge with a step of {self.config.step_s:g} s; steps up to "
-                f"{math.floor(longest_s * 1e4) / 1e4:g} s hold (coarser cells or less diffusivity allow longer ones)"
-            )
-        return self.config.step_s
+    return config.step_s
 
 
 def fastest_mps(config: GridWindConfig) -> float:
     """No wind of this configuration is ever faster."""
-    deviation = _CLIP_SD * (config.corner_spread + config.corner_noise) * math.sqrt(2.0)
-    return config.speed_mps * (1.0 + deviation)
+    return config.speed_mps + _CLIP_SD * (config.spread_mps + config.noise_mps) * math.sqrt(2.0)
 
 
 def stable_step_s(config: GridWindConfig) -> float:
     """The longest step of forward Euler with central differences that cannot grow: dt <= dx^2 / (4 K) for the
-    diffusion and dt <= 2 K / (u^2 + v^2) for the advection (Hirt 1968; Hindmarsh, Gresho and Griffiths 1984)."""
-    spacing_m, k_m2ps = config.length_m / config.cells, config.diffusivity_m2ps
+    diffusion and dt <= 2 K / (u^2 + v^2) for the advection (Hindmarsh, Gresho and Griffiths 1984)."""
+    k_m2ps = config.k_m2ps
     fastest = max(fastest_mps(config), 1e-9)
-    return min(spacing_m * spacing_m / (4.0 * k_m2ps), 2.0 * k_m2ps / (fastest * fastest))
-
-
-def _coloured_noise(config: GridWindConfig, step_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(transition, kick, stationary sd) of x'' + 2 d b x' + b^2 x = white noise, sampled exactly; x has the standard
-    deviation 1, its rate b."""
-    bandwidth, damping = config.noise_bandwidth_radps, config.noise_damping
-    transition = np.asarray(
-        scipy.linalg.expm(
-            step_s * np.array([[0.0, 1.0], [-bandwidth * bandwidth, -2.0 * damping * bandwidth]])
-        )
-    )
-    stationary = np.diag([1.0, bandwidth * bandwidth])
-    added = stationary - transition @ stationary @ transition.T
-    # Of a step much shorter than the noise's own time the rate alone is kicked; rounding must not make that negative.
-    values, vectors = np.linalg.eigh(added)
-    kick = vectors * np.sqrt(np.maximum(values, 0.0))
-    return transition, kick, np.array([1.0, bandwidth])
+    return min(config.spacing_m * config.spacing_m / (4.0 * k_m2ps), 2.0 * k_m2ps / (fastest * fastest))

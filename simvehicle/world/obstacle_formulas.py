@@ -12,9 +12,18 @@ import math
 
 from mission.geometry.formation import FloatArray, IntArray
 
+_FARTHEST_M = 1e9
+_ROUNDING = 1e-9
+"""Of a wall's length: no beam slips through a corner between two walls."""
+
 
 def outline_distance_m(corners_m: FloatArray, begin: int, end: int, north_m: float, east_m: float) -> float:
     """Horizontal distance from a point to the outline of one obstacle: negative inside."""
+    # Farther away a square of the distance may not be a number; nobody can tell such distances apart.
+    north_m, east_m = (
+        min(max(north_m, -_FARTHEST_M), _FARTHEST_M),
+        min(max(east_m, -_FARTHEST_M), _FARTHEST_M),
+    )
     nearest2 = math.inf
     inside = False
     before = end - 1
@@ -60,6 +69,10 @@ def range_m(
 ) -> float:
     """Horizontal distance from a point along a bearing, clockwise from north, to the first wall that it meets, from
     outside or from inside; infinite where it meets none. What ends below the point is not met."""
+    north_m, east_m = (
+        min(max(north_m, -_FARTHEST_M), _FARTHEST_M),
+        min(max(east_m, -_FARTHEST_M), _FARTHEST_M),
+    )
     toward_n, toward_e = math.cos(bearing_rad), math.sin(bearing_rad)
     nearest_m = math.inf
     for obstacle in range(len(tops_m)):
@@ -75,6 +88,6 @@ def range_m(
                 continue  # a wall along the beam: its ends are met as the ends of its neighbours
             away_m = (n0 * along_e - e0 * along_n) / across
             share = (n0 * toward_e - e0 * toward_n) / across
-            if away_m >= 0.0 and 0.0 <= share <= 1.0:
+            if away_m >= 0.0 and -_ROUNDING <= share <= 1.0 + _ROUNDING:
                 nearest_m = min(nearest_m, away_m)
     return nearest_m

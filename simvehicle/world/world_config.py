@@ -1,9 +1,8 @@
-"""What a configuration file says of the world: its place, wind, gas and seed."""
+"""What a configuration file says of the world: its place, wind, gas, obstacles and seed."""
 
 from __future__ import annotations
 
-import math
-from typing import Annotated, TypeAlias
+from typing import Annotated, Any, Final, Literal, TypeAlias
 
 import msgspec
 from msgspec import Meta
@@ -13,12 +12,77 @@ from mission.geometry.frames import Geodetic
 Metres = Annotated[float, Meta(ge=-1e5, le=1e5)]
 
 
-class WindConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class WindConfig(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag="uniform", tag_field="type"
+):
+    """The same wind everywhere: a mean and gusts. What a `wind` without a type is."""
+
     speed_mps: Annotated[float, Meta(ge=0.0, le=30.0)] = 3.0
     from_deg: Annotated[float, Meta(ge=0.0, le=360.0)] = 90.0
     """Where the mean wind comes from, degrees clockwise from north."""
     gust_sd_mps: Annotated[float, Meta(ge=0.0)] = 0.3
     gust_time_s: Annotated[float, Meta(ge=0.1)] = 5.0
+
+
+Regime = Literal["laminar", "transitional", "turbulent"]
+REGIMES: Final[dict[Regime, tuple[float, float]]] = {
+    "laminar": (0.15, 0.1),
+    "transitional": (0.5, 0.3),
+    "turbulent": (1.0, 0.6),
+}
+"""Spread and noise of the corners as shares of the mean speed, in the fluxotaxis experiments' regimes of flow."""
+
+
+class GridWindConfig(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag="grid", tag_field="type"
+):
+    """A wind that flows: it varies over the area and in time, and goes around what stands there."""
+
+    speed_mps: Annotated[float, Meta(ge=0.0, le=30.0)] = 3.0
+    from_deg: Annotated[float, Meta(ge=0.0, le=360.0)] = 90.0
+    """Where the mean wind comes from, degrees clockwise from north."""
+    centre_north_m: Metres = 0.0
+    centre_east_m: Metres = 0.0
+    length_m: Annotated[float, Meta(ge=1.0, le=1e5)] = 200.0
+    """Of the square's sides. Beyond it the wind is that of its edge."""
+    cells: Annotated[int, Meta(ge=4, le=1000)] = 60
+    """Along a side."""
+    regime: Regime = "transitional"
+    """How unsteady it is: what `corner_spread` and `corner_noise` are where they are not given."""
+    corner_spread: Annotated[float, Meta(ge=0.0, le=5.0)] | None = None
+    """Standard deviation of each corner's steady wind from the mean, each axis, as a share of the mean speed."""
+    corner_noise: Annotated[float, Meta(ge=0.0, le=5.0)] | None = None
+    """Standard deviation of what varies in time in each corner, each axis, as a share of the mean speed."""
+    diffusivity_m2ps: Annotated[float, Meta(gt=0.0, le=1e5)] | None = None
+    """None: 3 m2/s, or the mean speed times a cell's width if that is more: with less the wind would ripple from cell
+    to cell beside obstacles."""
+    noise_bandwidth_radps: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.01
+    noise_damping: Annotated[float, Meta(ge=0.05, le=5.0)] = 0.5
+    roughness_m: Annotated[float, Meta(gt=0.0, le=3.0)] | None = None
+    """Aerodynamic roughness of the ground: the speed grows with the logarithm of the height, and `speed_mps` is that
+    10 m above home. None: the same at every height."""
+    step_s: Annotated[float, Meta(gt=0.0, le=60.0)] | None = None
+    """Of the solver; None: the longest that is safely stable."""
+
+    @property
+    def spacing_m(self) -> float:
+        return self.length_m / self.cells
+
+    @property
+    def spread_mps(self) -> float:
+        share = REGIMES[self.regime][0] if self.corner_spread is None else self.corner_spread
+        return share * self.speed_mps
+
+    @property
+    def noise_mps(self) -> float:
+        share = REGIMES[self.regime][1] if self.corner_noise is None else self.corner_noise
+        return share * self.speed_mps
+
+    @property
+    def k_m2ps(self) -> float:
+        if self.diffusivity_m2ps is not None:
+            return self.diffusivity_m2ps
+        return max(3.0, self.speed_mps * self.spacing_m)
 
 
 class GaussianPlume(
@@ -45,37 +109,6 @@ class LocusGridPlume(
     perturbed: bool = False
     peak_ppm: Annotated[float, Meta(gt=0.0)] = 1000.0
     """What a value of 1 stands for."""
-
-
-class GridWindConfig(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag="grid", tag_field="type"
-):
-    """A wind that flows: it varies over the area and in time, and goes around what stands there.
-
-    The defaults of spread, noise and diffusivity are those of the fluxotaxis experiments' transitional regime.
-    """
-
-    speed_mps: Annotated[float, Meta(ge=0.0, le=30.0)] = 3.0
-    from_deg: Annotated[float, Meta(ge=0.0, le=360.0)] = 90.0
-    """Where the mean wind comes from, degrees clockwise from north."""
-    centre_north_m: Metres = 0.0
-    centre_east_m: Metres = 0.0
-    length_m: Annotated[float, Meta(ge=1.0, le=1e5)] = 200.0
-    """Of the square's sides. Beyond it the wind is that of its edge."""
-    cells: Annotated[int, Meta(ge=4, le=1000)] = 60
-    """Along a side."""
-    diffusivity_m2ps: Annotated[float, Meta(gt=0.0, le=1e5)] = 3.0
-    corner_spread: Annotated[float, Meta(ge=0.0, le=5.0)] = 0.5
-    """Standard deviation of each corner's steady wind from the mean, each axis, as a share of the mean speed."""
-    corner_noise: Annotated[float, Meta(ge=0.0, le=5.0)] = 0.3
-    """Standard deviation of what varies in time in each corner, each axis, as a share of the mean speed."""
-    noise_bandwidth_radps: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.01
-    noise_damping: Annotated[float, Meta(ge=0.05, le=5.0)] = 0.5
-    roughness_m: Annotated[float, Meta(gt=0.0, le=3.0)] | None = None
-    """Aerodynamic roughness of the ground: the speed grows with the logarithm of the height, and `speed_mps` is that
-    10 m above home. None: the same at every height."""
-    step_s: Annotated[float, Meta(gt=0.0, le=60.0)] | None = None
-    """Of the solver; None: the longest that is safely stable."""
 
 
 class FilamentSource(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -111,7 +144,7 @@ class FilamentPlume(
     """So is one that is older than this: in calm air none would ever leave."""
     head_start_s: Annotated[float, Meta(ge=0.0, le=1e5)] = 120.0
     """How long the sources have been open at time 0, in the wind of time 0."""
-    step_s: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.2
+    step_s: Annotated[float, Meta(gt=0.0, le=2.0)] = 0.2
 
 
 class FlatFilamentSource(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -144,19 +177,12 @@ class FlatFilamentPlume(
     reach_m: Annotated[float, Meta(gt=0.0, le=1e5)] = 1000.0
     lifetime_s: Annotated[float, Meta(gt=0.0, le=1e5)] = 3600.0
     head_start_s: Annotated[float, Meta(ge=0.0, le=1e5)] = 0.0
-    step_s: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.2
+    step_s: Annotated[float, Meta(gt=0.0, le=2.0)] = 0.2
     ppm_per_unit: Annotated[float, Meta(gt=0.0, le=1e12)] = 1.0
     """What a density of 1 is to instruments that read ppm."""
 
 
 Plume: TypeAlias = GaussianPlume | LocusGridPlume | FilamentPlume | FlatFilamentPlume
-
-
-def source_places(plume: Plume) -> tuple[tuple[float, float], ...]:
-    """(north_m, east_m) of its sources, at time 0."""
-    if isinstance(plume, GaussianPlume | LocusGridPlume):
-        return ((plume.source_north_m, plume.source_east_m),)
-    return tuple((source.north_m, source.east_m) for source in plume.sources)
 
 
 class RectangularObstacle(
@@ -168,8 +194,8 @@ class RectangularObstacle(
     centre_east_m: Metres
     length_north_m: Annotated[float, Meta(gt=0.0, le=1e4)]
     length_east_m: Annotated[float, Meta(gt=0.0, le=1e4)]
-    top_above_home_m: Annotated[float, Meta(gt=0.0)] = math.inf
-    """Without it nothing flies over the obstacle."""
+    top_above_home_m: Annotated[float, Meta(gt=0.0, le=1e4)] | None = None
+    """None: nothing flies over the obstacle."""
 
     def outline(self) -> tuple[tuple[float, float], ...]:
         """(north_m, east_m) of its corners."""
@@ -189,13 +215,14 @@ class PolygonalObstacle(
     """A prism over a simple outline of either winding, which may be concave."""
 
     corners_north_east_m: Annotated[tuple[tuple[Metres, Metres], ...], Meta(min_length=3, max_length=1000)]
-    top_above_home_m: Annotated[float, Meta(gt=0.0)] = math.inf
+    top_above_home_m: Annotated[float, Meta(gt=0.0, le=1e4)] | None = None
 
     def outline(self) -> tuple[tuple[float, float], ...]:
         return self.corners_north_east_m
 
 
 Obstacle: TypeAlias = RectangularObstacle | PolygonalObstacle
+AnyWindConfig: TypeAlias = WindConfig | GridWindConfig
 
 
 class WorldConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -203,8 +230,17 @@ class WorldConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 
     origin: Geodetic
     """Origin of the local frame, at the height of the launch points."""
-    wind: WindConfig = WindConfig()
+    wind: AnyWindConfig = WindConfig()
     plume: Plume | None = None
     """None: clean air."""
     background_co2_ppm: Annotated[float, Meta(ge=0.0)] = 420.0
+    obstacles: Annotated[tuple[Obstacle, ...], Meta(max_length=1000)] = ()
     seed: int = 0
+
+    @classmethod
+    def completed(cls, raw: dict[str, Any]) -> dict[str, Any]:
+        """What a file says, with what it may leave out: a wind without a type is a uniform one."""
+        wind = raw.get("wind")
+        if isinstance(wind, dict) and "type" not in wind:
+            return raw | {"wind": {"type": "uniform"} | wind}
+        return raw
