@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pandas as pd
 from scipy import stats
@@ -63,7 +65,7 @@ def _p(p: float) -> str:
 def _by_size(cells: list[ForcesCell], rows: pd.DataFrame) -> list[Verdict]:
     found = []
     sizes = _sizes(cells)
-    for small, large in zip(sizes, sizes[1:], strict=False):
+    for small, large in itertools.pairwise(sizes):
         a, b = (times_s(_pooled(cells, rows, TRACKER, size)) for size in (small, large))
         claim = f"a larger swarm is faster: {large} robots than {small}"
         found.append(_difference(claim, a, b, (f"{small} robots", f"{large}")))
