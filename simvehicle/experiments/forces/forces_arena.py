@@ -2,8 +2,9 @@
 
 A. Marjovi, L. Marques: "Swarm robotic plume tracking for intermittent and time-variant odor dispersion", ECMR 2013,
 section III. Its air came from a commercial solver; here puffs are carried by a wind that flows around the obstacles,
-0.5 m/s to the east on average. What it leaves open is ours: sizes of puffs, unsteadiness, places of obstacles and robots,
-the sensor's noise, and in the small arena its clean-air reading, without which the source's strength would not matter.
+0.5 m/s to the east on average. What it leaves open is ours: sizes of puffs, unsteadiness, places of obstacles and
+robots, the sensor's noise, and in the small arena its clean-air reading, without which the source's strength would
+not matter.
 """
 
 from __future__ import annotations
