@@ -24,8 +24,10 @@ _EMISSIONS_GPS = {"forces-small": (0.01, 0.02, 0.05), "forces-large": (0.05,)}
 _SIZES = {"forces-small": (5, 15, 20, 30), "forces-large": (10, 20, 30, 40, 60)}
 """The paper's; of 30 and 40 robots in the large arena its figure says the one, its text the other."""
 _QUICK_SIZES = {"forces-small": (5, 30), "forces-large": (10, 60)}
-_STARTS = 5
-"""Repeats in one plume."""
+_PLUMES = {"forces-small": 6, "forces-large": 12}
+"""For each number of obstacles; with --full three times as many."""
+_STARTS = {"forces-small": 10, "forces-large": 5}
+"""Repeats in one plume: 60 in all."""
 
 
 class ForcesCell(msgspec.Struct, frozen=True, kw_only=True):
@@ -51,7 +53,7 @@ def define(name: str, options: Options) -> Experiment:
     for size in sizes:
         if not 1 <= size <= 60:
             raise TrialsError(f"a swarm of {name} has 1 to 60 robots, not {size}")
-    starts = options.trials if options.trials is not None else _STARTS
+    starts = options.trials if options.trials is not None else _STARTS[name]
     numbers = (
         options.worlds if options.worlds is not None else 2 if options.quick else 36 if options.full else 12
     )

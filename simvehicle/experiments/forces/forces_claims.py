@@ -1,9 +1,14 @@
-"""Do the paper's three claims hold? Search times of paired trials, those that did not arrive counted at the limit."""
+"""Do the paper's three claims hold? Search times of paired trials, those that did not arrive counted at the limit.
+
+Intervals are Student's over the worlds' means: trials in one plume are not independent. The rank-sum test over all
+trials is told beside them.
+"""
 
 from __future__ import annotations
 
 import itertools
 
+import msgspec
 import numpy as np
 import pandas as pd
 from scipy import stats
@@ -12,7 +17,8 @@ from simvehicle.experiments.claims import above
 from simvehicle.experiments.experiment import Experiment, Verdict
 from simvehicle.experiments.forces.forces_cells import ForcesCell, select, times_s
 from simvehicle.experiments.forces.forces_flights import TRACKER
-from simvehicle.experiments.statistics import Floats, bootstrap, mean_difference
+from simvehicle.experiments.statistics import Floats, Interval
+from simvehicle.experiments.tracing.traced_table import mean_interval
 
 
 def judge(experiment: Experiment, rows: pd.DataFrame) -> list[Verdict]:
@@ -42,41 +48,34 @@ def _pooled(
     return pd.concat(mine) if mine else rows.iloc[:0]
 
 
-def _difference(
-    claim: str, slower: Floats, faster: Floats, names: tuple[str, str], least: int = 2
-) -> Verdict:
-    """The verdict on "the second's search times are below the first's", of paired trials."""
-    if min(len(slower), len(faster)) < least or len(slower) != len(faster):
-        return Verdict(claim, "undecided", "too few paired trials")
-    low, high = bootstrap(mean_difference, faster, slower)
-    p = float(stats.mannwhitneyu(slower, faster, alternative="greater").pvalue)
-    statistic = (
-        f"{names[0]} {slower.mean():.0f} s, {names[1]} {faster.mean():.0f} s; difference "
-        f"{slower.mean() - faster.mean():+.0f} s (95 % {low:+.0f}..{high:+.0f}, {len(slower)} pairs; "
-        f"rank-sum p {_p(p)})"
-    )
-    return Verdict(claim, above((low, high), 0.0), statistic)
-
-
-def _p(p: float) -> str:
-    return "below 0.001" if p < 0.001 else f"{p:.3f}"
-
-
 def _by_size(cells: list[ForcesCell], rows: pd.DataFrame) -> list[Verdict]:
+    """Of every size and the next larger, over all obstacles and emissions."""
     found = []
-    sizes = _sizes(cells)
-    for small, large in itertools.pairwise(sizes):
-        a, b = (times_s(_pooled(cells, rows, TRACKER, size)) for size in (small, large))
+    for small, large in itertools.pairwise(_sizes(cells)):
+        first, second = (_pooled(cells, rows, TRACKER, size) for size in (small, large))
         claim = f"a larger swarm is faster: {large} robots than {small}"
-        found.append(_difference(claim, a, b, (f"{small} robots", f"{large}")))
+        if len(first) < 2 or len(first) != len(second):
+            found.append(Verdict(claim, "undecided", "too few paired trials"))
+            continue
+        slower, faster = times_s(first), times_s(second)
+        low, high = mean_interval(first, slower - faster)
+        p = float(stats.ranksums(slower, faster).pvalue)
+        statistic = (
+            f"{small} robots {slower.mean():.0f} s, {large} {faster.mean():.0f} s; lead "
+            f"{(slower - faster).mean():+.0f} s (95 % {low:+.0f}..{high:+.0f} over {first['world'].nunique()} "
+            f"worlds, {len(slower)} pairs; rank-sum p = {p:.2g})"
+        )
+        found.append(Verdict(claim, above((low, high), 0.0), statistic))
     return found
 
 
-def _gain(cells: list[ForcesCell], rows: pd.DataFrame, **fixed: float) -> Floats:
-    """By how many seconds the largest swarm is faster than the smallest, trial by trial."""
+def _lead(cells: list[ForcesCell], rows: pd.DataFrame, **fixed: float) -> tuple[pd.DataFrame, Floats]:
+    """By how many seconds the largest swarm is faster than the smallest, trial by trial, and whose these are."""
     sizes = _sizes(cells)
-    a, b = (times_s(_pooled(cells, rows, TRACKER, size, **fixed)) for size in (sizes[0], sizes[-1]))
-    return a - b if len(a) == len(b) else np.zeros(0)
+    first, second = (_pooled(cells, rows, TRACKER, size, **fixed) for size in (sizes[0], sizes[-1]))
+    if len(first) != len(second):
+        return rows.iloc[:0], np.zeros(0)
+    return first, times_s(first) - times_s(second)
 
 
 def _more_so(cells: list[ForcesCell], rows: pd.DataFrame) -> list[Verdict]:
@@ -86,17 +85,18 @@ def _more_so(cells: list[ForcesCell], rows: pd.DataFrame) -> list[Verdict]:
         ("obstacles", "the more so the more obstacles there are", "obstacles", False),
         ("emission_gps", "the more so the weaker the source", "g/s", True),
     )
-    for name, words, unit, smallest in questions:
+    for name, words, unit, least in questions:
         values = sorted({getattr(cell, name) for cell in cells if cell.variant == TRACKER})
         if len(values) < 2 or len(_sizes(cells)) < 2:
             continue
-        hard, easy = (values[0], values[-1]) if smallest else (values[-1], values[0])
-        more, less = _gain(cells, rows, **{name: hard}), _gain(cells, rows, **{name: easy})
+        hard, easy = (values[0], values[-1]) if least else (values[-1], values[0])
+        (those, more), (others, less) = (_lead(cells, rows, **{name: value}) for value in (hard, easy))
         claim = f"a larger swarm is faster, {words}"
-        if min(len(more), len(less)) < 2 or len(more) != len(less):
-            found.append(Verdict(claim, "undecided", "too few trials"))
+        if min(those["world"].nunique(), others["world"].nunique()) < 2:
+            found.append(Verdict(claim, "undecided", "too few worlds"))
             continue
-        low, high = bootstrap(mean_difference, less, more)
+        # Other obstacles are other worlds; another emission is the same air.
+        low, high = mean_interval(those, more - less) if least else _welch(those, more, others, less)
         sizes = _sizes(cells)
         statistic = (
             f"lead of {sizes[-1]} over {sizes[0]} robots: {more.mean():+.0f} s with {hard:g} {unit}, "
@@ -105,6 +105,19 @@ def _more_so(cells: list[ForcesCell], rows: pd.DataFrame) -> list[Verdict]:
         )
         found.append(Verdict(claim, above((low, high), 0.0), statistic))
     return found
+
+
+def _welch(those: pd.DataFrame, a: Floats, others: pd.DataFrame, b: Floats) -> Interval:
+    """95 % interval of the difference of two means of different worlds, over the worlds' means (Welch 1947)."""
+    means = [
+        pd.Series(values).groupby(mine["world"].to_numpy()).mean()
+        for mine, values in ((those, a), (others, b))
+    ]
+    if all(np.ptp(one) == 0.0 for one in means):
+        difference = float(means[0].mean() - means[1].mean())
+        return difference, difference
+    found = stats.ttest_ind(*means, equal_var=False).confidence_interval(0.95)
+    return float(found.low), float(found.high)
 
 
 def _against_upwind(cells: list[ForcesCell], rows: pd.DataFrame) -> list[Verdict]:
@@ -119,8 +132,9 @@ def _against_upwind(cells: list[ForcesCell], rows: pd.DataFrame) -> list[Verdict
         tracker = [select(rows, _tracker_beside(cell)) for cell in compared if getattr(cell, name) == value]
         if not upwind or any(mine.empty for mine in tracker):
             continue
-        a, b = (pd.concat(all_)["success"].to_numpy(dtype=float) for all_ in (upwind, tracker))
-        low, high = bootstrap(mean_difference, a, b)
+        whose = pd.concat(upwind)
+        a, b = whose["success"].to_numpy(dtype=float), pd.concat(tracker)["success"].to_numpy(dtype=float)
+        low, high = mean_interval(whose, b - a)
         words = f"{value:g} robots" if large else f"{value:g} obstacles"
         what = "the swarm follows a meandering plume" if large else "the swarm finds the source"
         statistic = (
@@ -134,13 +148,7 @@ def _against_upwind(cells: list[ForcesCell], rows: pd.DataFrame) -> list[Verdict
 
 def _tracker_beside(cell: ForcesCell) -> ForcesCell:
     """The tracker's cell beside another variant's."""
-    return ForcesCell(
-        arena=cell.arena,
-        variant=TRACKER,
-        robots=cell.robots,
-        obstacles=cell.obstacles,
-        emission_gps=cell.emission_gps,
-    )
+    return msgspec.structs.replace(cell, variant=TRACKER)
 
 
 def _by_cohesion(cells: list[ForcesCell], rows: pd.DataFrame) -> list[Verdict]:
@@ -168,7 +176,7 @@ def _by_cohesion(cells: list[ForcesCell], rows: pd.DataFrame) -> list[Verdict]:
             found.append(Verdict(claim, "undecided", "fewer than two pairs that both arrive"))
             continue
         first, second = scale * first[both], scale * second[both]
-        low, high = bootstrap(mean_difference, first, second)
+        low, high = mean_interval(a[both], second - first)
         statistic = (
             f"with cohesion {second.mean():.1f} {unit}, without {first.mean():.1f}; difference "
             f"{second.mean() - first.mean():+.1f} (95 % {low:+.1f}..{high:+.1f}, {both.sum()} pairs)"
