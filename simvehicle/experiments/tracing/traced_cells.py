@@ -137,7 +137,9 @@ def _regimes(options: Options) -> tuple[Regime, ...]:
 
 def _refuse_others(name: str, options: Options) -> None:
     """What belongs to the LoCUS paper's trials would be taken for granted and have no effect."""
-    motion = "--motion, --arena, --speed, --acceleration, --r-min, --r-max, --layout, --cut-cells and --cut-goal"
+    motion = (
+        "--motion, --arena, --speed, --acceleration, --r-min, --r-max, --layout, --cut-cells and --cut-goal"
+    )
     given = {
         "--rates": bool(options.rates),
         "--plumes": bool(options.plumes),

@@ -86,8 +86,10 @@ class TracedWorld(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     puffs_per_step: float = 0.5
     frame_steps: int = 5
     """Steps for which the air is taken to stand still."""
-    spacing_m: float = 0.36
+    spacing_m: float = 0.5
     """Between the nodes at which the gas is recorded."""
+    puff_life_s: float = 600.0
+    """After which a puff, 44 m wide, is a tenth of what the paper's sensors notice."""
     head_start_s: float = 900.0
     """How long the sources have been at work when the trials begin."""
 
@@ -207,7 +209,8 @@ def make_air(world: TracedWorld, seed: int) -> Air:
                 )
             ),
             puffs_per_s=world.puffs_per_step / vehicles.step_s,
-            reach_m=2.0 * world.length_m,
+            lifetime_s=world.puff_life_s,
+            reach_m=world.length_m,
             step_s=vehicles.step_s,
         ),
         obstacles=tuple(obstacles),
