@@ -2,8 +2,8 @@
 
 Sources: the fluxotaxis paper's second study (D. V. Zarzhitsky, D. F. Spears, D. R. Thayer 2010, see
 `mission.strategies.tracing.swarming`); what it leaves open (the wind's speed, the puffs' size and rate) are values
-with which its plumes reach across its world. A world's strategies and swarms of all sizes fly in the very same air, from
-the same places: the robots of a smaller swarm stand where the first of a larger one do.
+with which its plumes reach across its world. A world's strategies and swarms of all sizes fly in the very same air,
+from the same places: the robots of a smaller swarm stand where the first of a larger one do.
 """
 
 from __future__ import annotations
