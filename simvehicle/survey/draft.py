@@ -25,7 +25,7 @@ from gcs.keys.roster import AUTHORITY
 from gcs.station_config import AlarmLimits, GroundConfig, MavlinkConfig
 from simvehicle.drone.drone_spec import EmulatedInstrument, VehicleSpec
 from simvehicle.fleet.fleet_config import FleetConfig
-from simvehicle.survey.survey_file import GROUND_STATION, Survey, SurveyDrone
+from simvehicle.survey.survey_file import GROUND_STATION, Survey, SurveyDrone, known_obstacles
 from simvehicle.vehicle.dynamics import DRAG_PER_S
 
 AGENT_START_WALL_S = 60.0
@@ -232,6 +232,7 @@ def _drones(
             formation=config.formation,
             limits=config.limits,
             geofence=survey.geofence,
+            obstacles=known_obstacles(config.obstacles),
             strategy=config.strategy,
             seed=config.seed,
             speedup=config.speedup,

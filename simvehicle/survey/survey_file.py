@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import pathlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -26,11 +26,13 @@ from flightstack.config import (
 )
 from flightstack.config_file import cautions, problems
 from flightstack.flight.guard import SEPARATION_MARGIN_M
+from flightstack.obstacle_checks import launch_problem
 from flightstack.transport.radio_model import RadioModel
 from mission.documents.fence_section import FenceChoice, read_section
 from mission.documents.yaml_file import DocumentError, line_of, parse, read_text
 from mission.geometry.frames import LocalFrame, Vector3
 from mission.geometry.geofence import Geofence, LocalFence
+from mission.geometry.known_obstacles import KnownObstacle
 from sensors.instruments.sensor_error import SensorError
 from simvehicle.autopilot.parameters import Parameters, UnknownParameterError
 from simvehicle.faults.fault_table import FaultSpec
@@ -40,7 +42,7 @@ from simvehicle.instruments import make_emulator
 from simvehicle.survey.fault_options import fault_option
 from simvehicle.world.configured import make_world
 from simvehicle.world.obstacles import Obstacles
-from simvehicle.world.world_config import GaussianPlume, WorldConfig
+from simvehicle.world.world_config import GaussianPlume, Obstacle, WorldConfig
 from simvehicle.world.world_problems import WAY_M, shut_in, sources
 from simvehicle.world.world_problems import problems as world_problems
 
@@ -192,6 +194,15 @@ def check(config: SurveyConfig, text: str, file: str, *, extra_faults: tuple[Fau
     return _Checks(file, text, config, extra_faults).run()
 
 
+def known_obstacles(obstacles: Sequence[Obstacle]) -> tuple[KnownObstacle, ...]:
+    """What the drones are told of the obstacles of a world."""
+    return tuple(
+        KnownObstacle(corners_north_east_m=one.outline(), top_above_home_m=one.top_above_home_m)
+        for one in obstacles
+        if not one.unknown
+    )
+
+
 class _Checks:
     """The checks of one survey, each raising the first problem that it finds."""
 
@@ -238,14 +249,29 @@ class _Checks:
                 formation=config.formation,
                 limits=config.limits,
                 geofence=fence,
+                obstacles=known_obstacles(config.obstacles),
                 strategy=config.strategy,
                 seed=config.seed,
             )
             for field, problem in problems(seen):
                 own = field.startswith("instruments") and self._has_own_instruments(index)
-                raise self._fail(f"drones[{index}].{field}" if own else field, problem)
+                raise self._fail(f"drones[{index}].{field}" if own else self._own_field(field), problem)
+            problem = launch_problem(seen, (drone.home_north_m, drone.home_east_m))
+            if problem:
+                raise self._fail(
+                    self._place(index, "home_north_m"), f"drone {drone.id}'s launch point {problem}"
+                )
             if index == 0:  # they are about what is the same for all
-                self._warnings += [str(self._fail(field, caution)) for field, caution in cautions(seen)]
+                for field, caution in cautions(seen):
+                    self._warnings.append(str(self._fail(self._own_field(field), caution)))
+
+    def _own_field(self, field: str) -> str:
+        """Where this file has what an agent's file has in a field: agents are not told of all obstacles."""
+        name, _, rest = field.partition("[")
+        if name != "obstacles":
+            return field
+        known = [index for index, one in enumerate(self._config.obstacles) if not one.unknown]
+        return f"obstacles[{known[int(rest.rstrip(']'))]}]"
 
     def _has_own_instruments(self, index: int) -> bool:
         return bool(self._config.drones) and self._config.drones[index].instruments is not None

@@ -16,6 +16,8 @@ from mission.geometry.frames import Vector3
 from simvehicle.world import obstacle_formulas
 from simvehicle.world.world_config import Obstacle
 
+TOUCHES_M: Final = 0.5
+"""A vehicle whose middle is nearer than this touches: half of its width over its rotors."""
 _SHORTEST_SIDE_M: Final = 1e-3
 
 

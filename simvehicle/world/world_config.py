@@ -196,6 +196,8 @@ class RectangularObstacle(
     length_east_m: Annotated[float, Meta(gt=0.0, le=1e4)]
     top_above_home_m: Annotated[float, Meta(gt=0.0, le=1e4)] | None = None
     """None: nothing flies over the obstacle."""
+    unknown: bool = False
+    """The drones are not told of it: they have to see it."""
 
     def outline(self) -> tuple[tuple[float, float], ...]:
         """(north_m, east_m) of its corners."""
@@ -216,6 +218,7 @@ class PolygonalObstacle(
 
     corners_north_east_m: Annotated[tuple[tuple[Metres, Metres], ...], Meta(min_length=3, max_length=1000)]
     top_above_home_m: Annotated[float, Meta(gt=0.0, le=1e4)] | None = None
+    unknown: bool = False
 
     def outline(self) -> tuple[tuple[float, float], ...]:
         return self.corners_north_east_m

@@ -178,7 +178,7 @@ def _inside(terrain: Terrain, radius_m: float, axis: int, place_m: float, step_s
 
 
 @leaf
-def _permitted(
+def permitted(
     terrain: Terrain, rules: Rules, robots: Robots, i: int, count: int, north_mps: float, east_mps: float
 ) -> tuple[float, float]:
     """What robot i may fly of the velocity that it wants: within its limits, the walls, off obstacles and others."""
@@ -315,7 +315,7 @@ def tracing_kernel(rule: Rule) -> Callable[..., None]:
             distances[NEAREST_PAIR_M] = min(distances[NEAREST_PAIR_M], away_m)
             if away_m < rules.avoidance_m:
                 north_mps, east_mps = flee(robots.rows, near, rules.avoidance_m, rules.speed_mps)
-            robots.wanted_north_mps[i], robots.wanted_east_mps[i] = _permitted(
+            robots.wanted_north_mps[i], robots.wanted_east_mps[i] = permitted(
                 terrain, rules, robots, i, near, north_mps, east_mps
             )
         return flawed

@@ -178,7 +178,7 @@ def fly_rule(
             place.air,
             place.terrain,
             place.sources,
-            _rules(vehicles, rule.range_m),
+            rules_of(vehicles, rule.range_m),
             Shape(rule.state_size, rule.word_size, rule.beams),
             parameters,
             starts,
@@ -221,7 +221,7 @@ def seconds(steps: IntArray, vehicles: Vehicles) -> FloatArray:
     return np.where(steps < NEVER, steps * vehicles.step_s, np.nan)
 
 
-def _rules(vehicles: Vehicles, range_m: float) -> Rules:
+def rules_of(vehicles: Vehicles, range_m: float) -> Rules:
     return Rules(
         float(vehicles.step_s),
         float(vehicles.speed_mps),
