@@ -119,7 +119,7 @@ def cells_of(worlds: Sequence[TracedWorld]) -> tuple[TracedCell, ...]:
 
 
 def _plan(name: str, regimes: tuple[Regime, ...]) -> Iterator[tuple[int, Regime, tuple[int, float, float]]]:
-    """(number, regime, obstacles) of one world after the other: the kinds are mixed evenly, however many are taken."""
+    """(number, regime, obstacles) of one world after the other, the kinds evenly mixed however many are taken."""
     for number in itertools.count():
         block, place = divmod(number, len(_COURSES))
         if name == "fluxo-3":

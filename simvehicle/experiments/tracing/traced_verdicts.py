@@ -1,8 +1,8 @@
 """The claims of the fluxotaxis paper's second study, judged on paired worlds and starts, and what explains them.
 
-Two strategies are compared by the Wilcoxon rank-sum test over all trials, as the paper does, and by Student's interval
-of the paired difference over the worlds' means: trials of one world are not independent, so that the first alone would
-call chance significant. A claim holds where both agree; where they do not, it is undecided.
+Two strategies are compared by the Wilcoxon rank-sum test over all trials, as the paper does, and by Student's
+interval of the paired difference over the worlds' means: trials of one world are not independent, so that the first
+alone would call chance significant. A claim holds where both agree; where they do not, it is undecided.
 """
 
 from __future__ import annotations
@@ -129,13 +129,14 @@ def explained(experiment: Experiment, rows: pd.DataFrame) -> str:
     worlds = rows.groupby("world").first()
     starts = experiment.trials
     flown = list(dict.fromkeys(rows["strategy"]))
+    sizes = ", ".join(map(str, sorted(rows["robots"].unique())))
     text = (
-        f"## What was flown\n\n{len(worlds)} worlds with {starts} start{'s' if starts > 1 else ''} each, for every strategy "
-        f"and swarms of {', '.join(map(str, sorted(rows['robots'].unique())))} robots: {len(rows)} trials of "
-        f"{int(rows['limit_steps'].max())} steps. Who does not arrive counts with all steps (censored). Intervals are over "
-        " the worlds' means, 95 %.\n\n## Who wins when\n\n"
-        "By regime, and by how intermittent the plume is (the share of the time in which a place in the plume smells "
-        "nothing; median over the plume). Peak to mean: the 99th percentile over the mean at such places.\n\n"
+        f"## What was flown\n\n{len(worlds)} worlds with {starts} start{'s' if starts > 1 else ''} each, for every "
+        f"strategy and swarms of {sizes} robots: {len(rows)} trials of {int(rows['limit_steps'].max())} steps. Who "
+        "does not arrive counts with all steps (censored). Intervals are over the worlds' means, 95 %.\n\n"
+        "## Who wins when\n\n"
+        "By regime, and by how intermittent the plume is (the share of the time in which a place in the plume "
+        "smells nothing; median over the plume). Peak to mean: the 99th percentile over the mean at such places.\n\n"
         "| worlds | how many | intermittency | peak to mean | first to arrive | steps | localises most | count |\n"
         "| --- | --- | --- | --- | --- | --- | --- | --- |\n"
     )
@@ -187,7 +188,8 @@ def _correlated(rows: pd.DataFrame, worlds: pd.DataFrame, flown: Sequence[str]) 
         for localises in (False, True):
             means = pd.Series(_values(mine, localises)).groupby(mine["world"].to_numpy()).mean()
             for name in ("intermittency", "peak_to_mean", "plume_share"):
-                cells.append(_rank_correlation(means.to_numpy(), worlds.loc[means.index, name].to_numpy()))
+                statistic = worlds.loc[means.index, name].to_numpy()
+                cells += [_rank_correlation(means.to_numpy(), statistic)]
         text += f"| {strategy} | " + " | ".join(cells) + " |\n"
     return text + "\n"
 

@@ -2,8 +2,8 @@
 
 Sources: the fluxotaxis paper's second study (D. V. Zarzhitsky, D. F. Spears, D. R. Thayer 2010, see
 `mission.strategies.tracing.swarming`); what it leaves open (the wind's speed, the puffs' size and rate) are values
-with which its plumes reach across its world. A world's strategies and swarms of all sizes fly in the very same air, from
-the same places: the robots of a smaller swarm stand where the first of a larger one do.
+with which its plumes reach across its world. A world's strategies and swarms of all sizes fly in the very same air,
+from the same places: the robots of a smaller swarm stand where the first of a larger one do.
 """
 
 from __future__ import annotations
@@ -86,8 +86,10 @@ class TracedWorld(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     puffs_per_step: float = 0.5
     frame_steps: int = 5
     """Steps for which the air is taken to stand still."""
-    spacing_m: float = 0.36
+    spacing_m: float = 0.5
     """Between the nodes at which the gas is recorded."""
+    puff_life_s: float = 600.0
+    """After which a puff, 44 m wide, is a tenth of what the paper's sensors notice."""
     head_start_s: float = 900.0
     """How long the sources have been at work when the trials begin."""
 
@@ -207,7 +209,8 @@ def make_air(world: TracedWorld, seed: int) -> Air:
                 )
             ),
             puffs_per_s=world.puffs_per_step / vehicles.step_s,
-            reach_m=2.0 * world.length_m,
+            lifetime_s=world.puff_life_s,
+            reach_m=world.length_m,
             step_s=vehicles.step_s,
         ),
         obstacles=tuple(obstacles),
