@@ -52,7 +52,7 @@ class RangeFinder:
             return [math.inf] * config.beams
         # In its middle and at its edges: what is narrower than half a beam may be missed, as by a real one.
         rays = 2 * config.beams
-        bearings_rad = yaw_rad + np.arange(rays, dtype=np.float64) * (math.tau / rays)
+        bearings_rad = np.array([yaw_rad + ray * math.tau / rays for ray in range(rays)])
         seen_m = near.ranges_around_m(position_ned_m, bearings_rad).tolist()
         noise_m = self._rng.normal(0.0, config.noise_sd_m, config.beams).tolist()
         found = []
