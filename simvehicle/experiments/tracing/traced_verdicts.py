@@ -19,6 +19,8 @@ from simvehicle.experiments.experiment import Experiment, Outcome, Verdict
 from simvehicle.experiments.tracing.traced_table import arrivals, mean_interval, share_words
 
 _SIGNIFICANT = 0.05
+_FEWEST = 3
+"""Worlds from which a mean is taken for more than chance."""
 _ARRIVES = ("fluxotaxis", "anemotaxis", "chemotaxis", "casting")
 """The order of arrival in the paper's table III, first to last."""
 _ARRIVES_4 = ("fluxotaxis", "anemotaxis", "casting", "chemotaxis")
@@ -64,7 +66,8 @@ def compare(rows: pd.DataFrame, better: str, worse: str, claim: str, *, localise
     if len(first) < 2:
         return Verdict(claim, "undecided", "fewer than two paired trials")
     a, b = _values(first, localises), _values(second, localises)
-    probability = float(stats.ranksums(a, b).pvalue)
+    test = stats.ranksums(a, b)
+    probability, ahead = float(test.pvalue), float(test.statistic) * (1.0 if localises else -1.0)
     gain = a - b if localises else b - a
     low, high = mean_interval(first, gain)
     unit = "" if localises else " steps"
@@ -75,7 +78,9 @@ def compare(rows: pd.DataFrame, better: str, worse: str, claim: str, *, localise
         f"{np.mean(gain > 0.0):.0%}, level in {np.mean(gain == 0.0):.0%} of {len(a)} trials; rank-sum p = "
         f"{probability:.2g}{censored}"
     )
-    return Verdict(claim, _outcome(gain, low, high, probability), statistic)
+    both = probability < _SIGNIFICANT and (low > 0.0 < ahead or high < 0.0 > ahead)
+    outcome: Outcome = "undecided" if not both else "holds" if ahead > 0.0 else "does not hold"
+    return Verdict(claim, outcome, statistic)
 
 
 def _leaders(rows: pd.DataFrame, flown: set[str]) -> Iterator[Verdict]:
@@ -90,12 +95,6 @@ def _leaders(rows: pd.DataFrame, flown: set[str]) -> Iterator[Verdict]:
             yield compare(
                 mine, first, second, f"{condition}: {first} {words}, then {second}", localises=localises
             )
-
-
-def _outcome(gain: np.ndarray, low: float, high: float, probability: float) -> Outcome:
-    if not probability < _SIGNIFICANT or not (low > 0.0 or high < 0.0):
-        return "undecided"
-    return "holds" if gain.mean() > 0.0 else "does not hold"
 
 
 def _growth(mine: pd.DataFrame, claim: str, *, localises: bool) -> Verdict:
@@ -132,6 +131,9 @@ def _leads(rows: pd.DataFrame, flown: set[str], claim: str, *, localises: bool) 
         first += best == "fluxotaxis"
         told.append(f"{share_words(share)}: {best} {means[best]:.0f}, fluxotaxis {means['fluxotaxis']:.0f}")
     outcome: Outcome = "holds" if first == len(shares) else "does not hold" if first == 0 else "undecided"
+    if int(rows.groupby("obstacle_share")["world"].nunique().min()) < _FEWEST:
+        outcome = "undecided"
+        told.append(f"fewer than {_FEWEST} worlds of some share")
     return Verdict(claim, outcome, "; ".join(told))
 
 

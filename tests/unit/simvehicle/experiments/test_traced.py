@@ -109,7 +109,7 @@ PAPERS_ORDER = {"fluxotaxis": 1500.0, "anemotaxis": 2500.0, "chemotaxis": 4000.0
 
 
 def test_claims_hold_where_rows_say_so_and_not_where_they_say_the_contrary() -> None:
-    experiment = define("fluxo-3", Options(worlds=18, trials=4))
+    experiment = define("fluxo-3", Options(worlds=27, trials=3))
     verdicts = {one.claim: one for one in judge(experiment, made(experiment, PAPERS_ORDER))}
     for claim in (
         "fluxotaxis arrives before anemotaxis",

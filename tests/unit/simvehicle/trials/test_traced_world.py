@@ -9,13 +9,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from simvehicle.trials.tracing.air_statistics import plume_statistics
 from simvehicle.trials.tracing.swarm_flight import Vehicles
 from simvehicle.trials.tracing.traced_world import (
     TracedWorld,
     engine_of,
     fly_world,
     make_air,
-    plume_statistics,
     start_places,
 )
 from simvehicle.trials.trials_error import TrialsError
