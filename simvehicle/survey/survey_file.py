@@ -40,6 +40,7 @@ from simvehicle.fleet.fleet_config import FARTHEST_HOME_M
 from simvehicle.fleet.fleet_problems import what_does_not_fit
 from simvehicle.instruments import make_emulator
 from simvehicle.survey.fault_options import fault_option
+from simvehicle.vehicle.range_finder import RangeFinderConfig
 from simvehicle.world.configured import make_world
 from simvehicle.world.obstacles import Obstacles
 from simvehicle.world.world_config import GaussianPlume, Obstacle, WorldConfig
@@ -102,6 +103,8 @@ class SurveyConfig(WorldConfig, frozen=True, kw_only=True):
     launch_line: LaunchLine | None = None
     """Instead of `drones`."""
     instruments: tuple[InstrumentChoice, ...] = (InstrumentChoice(name="co2", type="sba5"),)
+    range_finder: RangeFinderConfig | None = None
+    """Every drone carries one; None: nobody."""
     formation: FormationConfig = FormationConfig()
     limits: LimitsConfig = LimitsConfig()
     geofence: FenceChoice = None
@@ -419,7 +422,8 @@ class _Checks:
         by_id = {drone.id: drone for drone in drones}
         own = len(self._config.faults) - len(self._extra_faults)
         for index, fault in enumerate(self._config.faults):
-            for field, problem in _fault_problems(fault, by_id):
+            looks_around = self._config.range_finder is not None
+            for field, problem in _fault_problems(fault, by_id, looks_around=looks_around):
                 if index >= own:
                     raise DocumentError(f"--fault {fault_option(fault)}", problem)
                 raise self._fail(f"faults[{index}].{field}", problem)
@@ -439,11 +443,13 @@ def _dead_link_problems(link: tuple[int | str, int | str], drones: list[int]) ->
         yield f"{link[0]} hears itself; write [sender, who does not hear it]"
 
 
-def _fault_problems(fault: FaultSpec, drones: Mapping[int, SurveyDrone]) -> Iterator[tuple[str, str]]:
+def _fault_problems(
+    fault: FaultSpec, drones: Mapping[int, SurveyDrone], *, looks_around: bool
+) -> Iterator[tuple[str, str]]:
     if fault.drone not in drones:
         yield "drone", f"there is no drone {fault.drone}, but {list(drones)}"
         return
     types = {i.name: i.type for i in drones[fault.drone].instruments or ()}
-    yield from what_does_not_fit(fault, f"drone {fault.drone}", types)
+    yield from what_does_not_fit(fault, f"drone {fault.drone}", types, looks_around=looks_around)
     if fault.until_s is not None and fault.until_s <= fault.at_s:
         yield "until_s", f"it breaks at {fault.at_s:g} s, so it cannot mend at {fault.until_s:g} s"
