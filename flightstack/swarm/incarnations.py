@@ -51,6 +51,8 @@ class Incarnations:
     def hear(self, now_s: float, state: DroneState) -> bool:
         """Take a state; whether it counts. False for one that is late, and for a twin's."""
         incarnation = state.incarnation
+        if incarnation == self._last and len(self._heard) == 1:
+            return self._hear_again(now_s, state)
         known = self._heard.pop(incarnation, None)
         if known is not None and state.sequence <= known.sequence:
             self._heard[incarnation] = known
@@ -74,6 +76,15 @@ class Incarnations:
             if speaks and _rank(state) <= _rank(speaker):
                 return False
             self.restarts += known is None
+        self.speaker = state
+        return True
+
+    def _hear_again(self, now_s: float, state: DroneState) -> bool:
+        """The same for the only one that was ever heard."""
+        known = self._heard[state.incarnation]
+        if state.sequence <= known.sequence:
+            return False
+        self._heard[state.incarnation] = _Heard(state.sequence, now_s, known.place)
         self.speaker = state
         return True
 
