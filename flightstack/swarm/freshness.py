@@ -73,19 +73,19 @@ class _Starts:
         """Who was heard last."""
         self.windows: dict[str, _Window] = {}
         """Of that one."""
-        self._known: dict[int, dict[str, _Window]] = {}
+        self.known: dict[int, dict[str, _Window]] = {}
 
     def turn_to(self, incarnation: int) -> bool:
         """Another one than the last is heard; False for one of the past."""
-        windows = self._known.pop(incarnation, None)
+        windows = self.known.pop(incarnation, None)
         if windows is None:
             if incarnation < self.newest:
                 return False
             windows = {}
         self.newest = max(self.newest, incarnation)
-        self._known[incarnation] = windows
-        while len(self._known) > INCARNATIONS_AT_MOST:
-            del self._known[next(iter(self._known))]
+        self.known[incarnation] = windows
+        while len(self.known) > INCARNATIONS_AT_MOST:
+            del self.known[next(iter(self.known))]
         self.last, self.windows = incarnation, windows
         return True
 

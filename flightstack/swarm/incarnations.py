@@ -8,7 +8,9 @@ for longer: a twin that comes, is refused and goes must leave nothing behind.
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Final
+
+import msgspec
 
 from flightstack.swarm.wire import DroneState, Phase
 
@@ -28,7 +30,7 @@ TWINS_S: Final = 5.0
 _KEPT: Final = 16
 
 
-class _Heard(NamedTuple):
+class _Heard(msgspec.Struct):
     sequence: int
     time_s: float
     place: int
@@ -84,7 +86,7 @@ class Incarnations:
         known = self._heard[state.incarnation]
         if state.sequence <= known.sequence:
             return False
-        self._heard[state.incarnation] = _Heard(state.sequence, now_s, known.place)
+        known.sequence, known.time_s = state.sequence, now_s
         self.speaker = state
         return True
 

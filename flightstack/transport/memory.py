@@ -62,7 +62,7 @@ class LossyLink:
     """One direction between two nodes: its randomness, and when it delivers."""
 
     def __init__(self, seed: int, sender: str, receiver: str) -> None:
-        self._draw = random.Random(f"{seed}/{sender}/{receiver}").random
+        self._random = random.Random(f"{seed}/{sender}/{receiver}")
         self._latest_s = self._latest_reliable_s = -math.inf
         """A link keeps the order of what it delivers, separately for each kind of delivery."""
 
@@ -80,7 +80,7 @@ class LossyLink:
             loss = 1.0 - (1.0 - loss) * (1.0 - loss_on_the_way)
         elif conditions.certain:
             return (self._in_order_s(now_s + conditions.delay_s, delivery),)
-        draw = self._draw
+        draw = self._random.random
         lost, repeated, overtaken = draw(), draw(), draw()
         late = draw()
         jitter_s = -math.log(1.0 - late) * conditions.jitter_s if conditions.jitter_s else 0.0
