@@ -384,6 +384,8 @@ def _order(order: Order) -> str:
         return "its order leads nowhere"
     if not abs(order.rotation_rad) <= FARTHEST_M:
         return "its order's rotation is none"
+    if order.source_sd_m is not None and not 0.0 <= order.source_sd_m <= FARTHEST_M:
+        return "its order's source is known to no number of metres"
     if len(order.note) > NOTE_AT_MOST_BYTES:
         return f"its order's note has {len(order.note)} bytes, more than {NOTE_AT_MOST_BYTES}"
     return ""

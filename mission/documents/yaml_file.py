@@ -84,10 +84,16 @@ def read_text(path: str | pathlib.Path) -> str:
 
 
 def parse(text: str, kind: type[T], file: str) -> T:
-    """Read YAML `text` (of the file named `file`) as a `kind`, a msgspec struct that forbids unknown fields."""
+    """Read YAML `text` (of the file named `file`) as a `kind`, a msgspec struct that forbids unknown fields.
+
+    A kind with a class method `completed` (mapping to mapping) adds by it what its files may leave out.
+    """
     raw = _loaded(text, file)
     if raw is None:
         raise DocumentError(file, "the file is empty")
+    completed = getattr(kind, "completed", None)
+    if completed is not None and isinstance(raw, dict):
+        raw = completed(raw)
     try:
         return msgspec.convert(raw, kind)
     except msgspec.ValidationError as error:

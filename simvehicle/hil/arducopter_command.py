@@ -7,14 +7,14 @@ from collections.abc import Sequence
 
 from mission.geometry.frames import Geodetic
 from simvehicle.drone.drone_spec import VehicleSpec
-from simvehicle.world.world_config import WindConfig
+from simvehicle.world.world_config import AnyWindConfig
 
 BATTERY_MAH = 20_000.0
 """Three quarters of an hour of hovering. The stock 3300 mAh are three quarters used after five minutes, and the
 agents come home with the last quarter."""
 
 
-def parameter_text(spec: VehicleSpec, wind: WindConfig) -> str:
+def parameter_text(spec: VehicleSpec, wind: AnyWindConfig) -> str:
     """What its parameter file says of our world and of this vehicle, beside the airframe's defaults."""
     parameters = {
         "SIM_WIND_SPD": wind.speed_mps,

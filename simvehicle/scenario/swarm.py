@@ -36,6 +36,7 @@ from simvehicle.drone.simulated_vehicle import SimulatedVehicle
 from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.fleet.fleet_problems import problems
 from simvehicle.world.configured import make_world
+from simvehicle.world.obstacles import Obstacles
 
 TICK_S = 0.1
 GROUND = "ground"
@@ -103,6 +104,8 @@ class Scenario:
         self.events: list[tuple[float, Event]] = []
         self.outcomes: list[CommandOutcome] = []
         self.min_separation_m = math.inf
+        self.min_clearance_m = math.inf
+        """The nearest that a flying vehicle came to an obstacle; negative inside one."""
         self.tap: Callable[[int, float, Inputs, Outputs], None] | None = None
         """Called with every agent's tick, for recording."""
         self._commands = (f"scenario-{n}" for n in itertools.count())
@@ -254,6 +257,9 @@ class Scenario:
         flying = [m.vehicle.position_ned_m for m in self.members.values() if m.vehicle.airborne]
         for a, b in itertools.combinations(flying, 2):
             self.min_separation_m = min(self.min_separation_m, math.dist(a, b))
+        if isinstance(self.world.obstacles, Obstacles):
+            clearances_m = map(self.world.obstacles.clearance_m, flying)
+            self.min_clearance_m = min(self.min_clearance_m, min(clearances_m, default=math.inf))
 
 
 def _ports(member: Member, said: DroneBytes) -> Iterator[PortInput]:

@@ -11,6 +11,9 @@ _SEA_LEVEL_K = 288.15
 _SEA_LEVEL_PA = 101_325.0
 _SEA_LEVEL_KGPM3 = 1.225
 _LAPSE_KPM = 0.0065
+_CO2_TO_AIR_MASS = 44.0095 / 28.9647
+"""Molar masses of CO2 and dry air: their ratio is that of the gases' densities at one temperature and
+pressure."""
 _LOWEST_M, _HIGHEST_M = -5000.0, 11_000.0
 
 
@@ -29,3 +32,8 @@ def air_pressure_pa(amsl_m: float) -> float:
 
 def air_density_kgpm3(amsl_m: float) -> float:
     return _SEA_LEVEL_KGPM3 * math.pow(_relative_temperature(amsl_m), 4.2559)
+
+
+def co2_density_kgpm3(amsl_m: float) -> float:
+    """Of pure CO2 at the air's temperature and pressure: kg/m^3 over this are the share of CO2 by volume."""
+    return _CO2_TO_AIR_MASS * air_density_kgpm3(amsl_m)

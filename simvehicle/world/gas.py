@@ -9,19 +9,16 @@ import numpy as np
 
 from mission.geometry.formation import FloatArray
 from mission.geometry.frames import Vector3
-from simvehicle.world.atmosphere import air_density_kgpm3
-from simvehicle.world.fields import GasField
+from simvehicle.world.atmosphere import co2_density_kgpm3
+from simvehicle.world.fields import OPEN_GROUND, GasField, ObstacleField, WindField
 from simvehicle.world.gas_formulas import (
     gaussian_concentration_pm2,
     locus_grid,
     locus_grid_source_m,
     locus_grid_value,
 )
-from simvehicle.world.world_config import GaussianPlume, LocusGridPlume
+from simvehicle.world.world_config import GaussianPlume, LocusGridPlume, Plume
 
-_CO2_TO_AIR_MASS = 44.0095 / 28.9647
-"""Molar masses of CO2 and dry air: their ratio is that of the gases' densities at one temperature and
-pressure."""
 _CALM_MPS = 0.5
 """A Gaussian plume has no meaning in calm air; below this wind speed it is computed as for this speed."""
 
@@ -45,7 +42,7 @@ class Gaussian:
             if speed_mps > 0.0
             else (1.0, 0.0)
         )
-        co2_kgpm3 = _CO2_TO_AIR_MASS * air_density_kgpm3(amsl_m + self._height_m)
+        co2_kgpm3 = co2_density_kgpm3(amsl_m + self._height_m)
         self._strength_ppm_m2 = (
             config.emission_kgps / (2.0 * math.pi * max(speed_mps, _CALM_MPS)) / co2_kgpm3 * 1e6
         )
@@ -139,11 +136,23 @@ class CleanAir:
 
 
 def make_gas(
-    config: GaussianPlume | LocusGridPlume | None, mean_wind_ned_mps: Vector3, amsl_m: float
+    config: Plume | None,
+    wind: WindField,
+    amsl_m: float,
+    seed: int = 0,
+    obstacles: ObstacleField = OPEN_GROUND,
 ) -> GasField:
-    """The gas that a configuration describes; None is clean air."""
+    """The gas that a configuration describes; None is clean air.
+
+    `amsl_m`: altitude of home above mean sea level.
+    """
     if config is None:
         return CleanAir()
     if isinstance(config, LocusGridPlume):
         return LocusGrid(config)
-    return Gaussian(config, mean_wind_ned_mps, amsl_m)
+    if isinstance(config, GaussianPlume):
+        return Gaussian(config, wind.mean_ned_mps, amsl_m)
+    # Loaded by who has such a plume: it brings the compiler.
+    from simvehicle.world.filaments import Filaments
+
+    return Filaments(config, wind, amsl_m, seed, obstacles)

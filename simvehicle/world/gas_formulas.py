@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from mission.geometry.formation import FloatArray
+from simvehicle.world.atmosphere import co2_density_kgpm3
 
 _NEGLIGIBLE_SD2 = 36.0
 """Further from the axis than six standard deviations there is nothing to measure."""
@@ -54,6 +55,14 @@ def gaussian_concentration_pm2(
     direct = math.exp(-0.5 * above_m * above_m / sz2)
     reflected = math.exp(-0.5 * mirrored_m * mirrored_m / sz2)
     return math.exp(-0.5 * aside) / math.sqrt(sy2 * sz2) * (direct + reflected)
+
+
+def puff_strength_ppm_m3(mass_kg: float, amsl_m: float) -> float:
+    """CO2 at the centre of a round Gaussian puff of this mass and the radius 1 m; 1/r^3 of that at the radius r.
+
+    m / (pi^(3/2) r^3) exp(-D^2 / r^2) kg/m^3 at the distance D from its centre.
+    """
+    return 1e6 * mass_kg / math.pow(math.pi, 1.5) / co2_density_kgpm3(amsl_m)
 
 
 @functools.cache

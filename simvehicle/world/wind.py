@@ -31,7 +31,7 @@ class GustyWind:
         decay = math.exp(-1.0 / _STEPS_PER_GUST)
         self._decay = decay
         sd_mps = config.gust_sd_mps
-        self._steady = sd_mps == 0.0
+        self.steady = sd_mps == 0.0
         axes_sd_mps = np.array([sd_mps, sd_mps, sd_mps * _VERTICAL_SHARE])
         self._kick_mps = axes_sd_mps * math.sqrt(1.0 - decay * decay)
         # A stream of its own, so that the wind stays the same when another part draws more or fewer numbers.
@@ -45,7 +45,7 @@ class GustyWind:
 
     def wind_ned_mps(self, position_ned_m: Vector3, time_s: float) -> Vector3:  # noqa: ARG002 (uniform)
         """Velocity of the air (where it goes); times before 0 are answered as 0."""
-        if self._steady:
+        if self.steady:
             return self.mean_ned_mps
         place = max(0.0, time_s) / self._step_s
         index = int(place)

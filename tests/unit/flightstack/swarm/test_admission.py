@@ -112,6 +112,8 @@ def test_a_drone_without_a_sensor_reports_a_reading_of_infinite_variance() -> No
         replace(ORDERED, order=replace(ORDER, anchor_ned_m=(NAN, 0.0, 0.0))),
         replace(ORDERED, order=replace(ORDER, rotation_rad=INF)),
         replace(ORDERED, order=replace(ORDER, source_ned_m=(0.0, NAN, 0.0))),
+        replace(ORDERED, order=replace(ORDER, source_sd_m=NAN)),
+        replace(ORDERED, order=replace(ORDER, source_sd_m=-1.0)),
         replace(ORDERED, order=replace(ORDER, note=bytes(NOTE_AT_MOST_BYTES + 1))),
         replace(TABLE, heals=-1),
         replace(TABLE, sequence=2**63),

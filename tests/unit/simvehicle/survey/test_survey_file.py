@@ -29,6 +29,16 @@ EXAMPLES = pathlib.Path(__file__).parents[4] / "examples"
 GOOD = (EXAMPLES / "survey.yaml").read_text(encoding="utf-8")
 
 
+BOX = "type: rectangle, centre_north_m: {}, centre_east_m: {}, length_north_m: 10, length_east_m: 10"
+BLOCK = f"obstacles:\n- {{{{{BOX}}}}}\n"
+SECOND = f"obstacles:\n- {{{{{BOX}, unknown: true}}}}\n- {{{{{BOX}}}}}\n"
+RING = (
+    "obstacles:\n- {type: polygon, top_above_home_m: 30, corners_north_east_m: [[-9, -24], [-9, -12], [-21, -12], "
+    "[-21, -24], [-14, -24], [-14, -23], [-20, -23], [-20, -14], [-11, -14], [-11, -24]]}\n"
+)
+"""Around drone 1 of a launch line with wide spacing; its opening is narrower than two margins."""
+
+
 def refused(tmp_path: pathlib.Path, text: str) -> str:
     path = tmp_path / "survey.yaml"
     path.write_text(text, encoding="utf-8")
@@ -38,6 +48,17 @@ def refused(tmp_path: pathlib.Path, text: str) -> str:
     assert "\n" not in message
     assert message.startswith(f"{path}:"), "the line names the file"
     return message.removeprefix(str(path))
+
+
+EXAMPLE_PLUME = """plume:
+  type: gaussian
+  source_north_m: 30.0
+  source_east_m: -85.0
+  source_above_home_m: 10.0
+  emission_kgps: 2.5
+  vent_sd_m: 4.0
+"""
+VENT = "plume: {{type: filaments, sources: [{{north_m: 1, east_m: 2}}], {}}}"
 
 
 @pytest.mark.parametrize(("file", "flavour"), [("survey.yaml", "ardupilot"), ("survey_px4.yaml", "px4")])
@@ -122,10 +143,21 @@ def test_a_file_that_is_not_text(tmp_path: pathlib.Path) -> None:
         ("seed: 1", "seed: 1\nfaults: [{kind: fire}]", ["faults[0].kind: ", "battery_low or failsafe or gps_jump"]),
         ("gust_time_s: 5.0", "gust_time_s: 0.001", ["wind.gust_time_s", ">= 0.1"]),
         ("vent_sd_m: 4.0", "vent_sd_m: 0.1", ["plume.vent_sd_m", "more than pure CO2"]),
+        (EXAMPLE_PLUME, "plume: {type: filaments, sources: []}", ["plume.sources"]),
+        (EXAMPLE_PLUME, VENT.format("initial_radius_m: 0.1"), ["plume.initial_radius_m: ", "ppm", "larger radius"]),
+        (EXAMPLE_PLUME, VENT.format("puffs_per_s: 5e4"), ["plume.puffs_per_s: ", "30,000,000 puffs", "lifetime_s"]),
         ("source_above_home_m: 10.0", "source_above_home_m: -1.0", ["plume.source_above_home_m"]),
         ("seed: 1", "seed: 1\nradio: {bandwidth_bytes_per_s: 9e3}", ["radio.bandwidth", "only scenarios"]),
         ("seed: 1", "seed: 1\nradio: {dead_links: [[1, 9]]}", ["radio.dead_links[0]", "there is no 9"]),
         ("geofence:", "geofence:\n  file: none.plan", ["geofence.file", "not both"]),
+        ("seed: 1", f"seed: 1\n{BLOCK.format(-14, 4)}", ["obstacles[0]", "slot 4", "inside this obstacle"]),
+        ("seed: 1", f"seed: 1\n{SECOND.format(-14, 4, -14, 4)}", ["obstacles[1]", "forms up", "slot 4"]),
+        ("seed: 1", f"seed: 1\n{BLOCK.format(-8.5, -16.2)}",
+         ["launch_line: drone 1's launch point is 2.0 m from an obstacle", "obstacle_margin_m = 3 m", "move it"]),
+        ("  spacing_m: 6.0\n  towards_deg: 50.0\n", f"  spacing_m: 12.0\n  towards_deg: 50.0\n{RING}",
+         ["launch_line: drone 1's launch point has no way", "layer 15 m high"]),
+        ("seed: 1", "seed: 1\nobstacles: [{type: polygon, corners_north_east_m: [[0, 0], [1, 0]]}]",
+         ["obstacles[0].corners_north_east_m", "length >= 3"]),
     ],
 )  # fmt: skip
 def test_what_cannot_be_flown(tmp_path: pathlib.Path, before: str, after: str, expected: list[str]) -> None:

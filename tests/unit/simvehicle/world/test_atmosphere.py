@@ -41,7 +41,7 @@ def test_instruments_get_the_air_of_their_altitude() -> None:
     world = World(
         LocalFrame(Geodetic(14.38, -90.6, 2400.0)),
         GustyWind(WindConfig(), 1),
-        make_gas(None, (0.0, 3.0, 0.0), 2400.0),
+        make_gas(None, GustyWind(WindConfig(), 1), 2400.0),
         background_co2_ppm=415.0,
     )
     air = world.air_at((30.0, 40.0, -100.0), 12.0, (1.0, -2.0, 0.5))

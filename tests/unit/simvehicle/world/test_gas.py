@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from simvehicle.world.atmosphere import air_density_kgpm3
 from simvehicle.world.gas import CleanAir, Gaussian, LocusGrid, make_gas
 from simvehicle.world.gas_formulas import locus_grid
-from simvehicle.world.world_config import GaussianPlume, LocusGridPlume
+from simvehicle.world.wind import GustyWind
+from simvehicle.world.world_config import GaussianPlume, LocusGridPlume, WindConfig
 
 WEST_WIND = (0.0, 3.0, 0.0)
 CONFIG = GaussianPlume(
@@ -110,7 +111,7 @@ def test_locus_grid_as_the_paper_ran_it(perturbed: bool) -> None:
     assert grid[grid > 0.0].min() >= 0.005
     model = make_gas(
         LocusGridPlume(source_north_m=10.0, source_east_m=20.0, perturbed=perturbed, peak_ppm=500.0),
-        WEST_WIND,
+        GustyWind(WindConfig(), 1),
         0.0,
     )
     assert model.excess_co2_ppm(model.source_ned_m, 0.0) == 500.0
@@ -121,6 +122,6 @@ def test_locus_grid_as_the_paper_ran_it(perturbed: bool) -> None:
 
 
 def test_clean_air_has_no_source() -> None:
-    clean = make_gas(None, WEST_WIND, 0.0)
+    clean = make_gas(None, GustyWind(WindConfig(), 1), 0.0)
     assert math.isnan(clean.source_ned_m[0])
     assert clean.excesses_co2_ppm(np.zeros((4, 3)), 10.0).tolist() == [0.0] * 4
