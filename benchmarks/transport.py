@@ -12,8 +12,8 @@ from collections.abc import Callable
 
 from benchmarks import Figures
 from flightstack.recording import named_json
-from flightstack.swarm.topics import STATE, TABLE, Topic
-from flightstack.swarm.wire import DroneState, Phase, TableState
+from flightstack.swarm.topics import ORDER, STATE, TABLE, Topic
+from flightstack.swarm.wire import DroneState, OrderState, Phase, TableState
 from flightstack.transport.zenoh_transport import ZenohTransport
 from mission.estimation.estimates import Scalar, Wind
 from mission.strategies.contract import Order, Stage
@@ -58,8 +58,16 @@ TABLE_MESSAGE = TableState(
     slots=tuple(configured(range(1, PEERS + 1)).items()),
     members=(),
     absent=(),
+)
+ORDER_MESSAGE = OrderState(
+    sender=3,
+    incarnation=1234567890,
+    sequence=51234,
+    frame=123456789,
+    survey="7f3c2a9e01b4",
     order=Order(4, Stage.TRACK, (1.0, 2.0, -10.0), 0.5),
     ordered_by=SlotRegister(0, 1),
+    digest=3123456789,
 )
 
 PEER = """
@@ -99,9 +107,10 @@ def microseconds(action: Callable[[], object], times: int = 2000) -> float:
 
 def codecs() -> None:
     print(f"{'message':<28} {'bytes':>6} {'encode us':>10} {'decode us':>10} {'json bytes':>11}")
-    cases: tuple[tuple[str, Topic, DroneState | TableState], ...] = (
+    cases: tuple[tuple[str, Topic, DroneState | TableState | OrderState], ...] = (
         ("state", STATE, STATE_MESSAGE),
         (f"table of {PEERS}", TABLE, TABLE_MESSAGE),
+        ("order", ORDER, ORDER_MESSAGE),
     )
     for what, topic, message in cases:
         data = topic.codec.encode(message)

@@ -93,7 +93,7 @@ def _strategies(reference: Any) -> float:
     print(f"   {'motion':8} {'strategy':14} {'trials/s':>9} {'ms/trial':>9} {'us/drone-hour':>14}")
     locus_per_s = 0.0
     for motion in ("pd", "paper"):
-        for strategy in BUILT_IN:
+        for strategy in [name for name, entry in BUILT_IN.items() if entry.legs]:
             cost_s, hours = _cpu_s(Cell(strategy=strategy, motion=motion), 100)  # type: ignore[arg-type]
             if (motion, strategy) == ("pd", "locus"):
                 locus_per_s = 1.0 / cost_s

@@ -15,6 +15,7 @@ from flightstack.autopilot import AutopilotSession, OwnFence, TakenBy, VehicleRe
 from flightstack.config import DroneConfig
 from flightstack.flight.facts import SwarmFacts, VehicleFacts
 from flightstack.flight.fence_conflict import fence_conflict
+from flightstack.flight.free_places import FreePlaces
 from flightstack.flight.guard import Guard, Guarded, PositionTarget
 from flightstack.flight.guidance import heir_below_m, over_the_top, underneath
 from flightstack.flight.homecoming import Homecoming
@@ -39,6 +40,7 @@ from flightstack.swarm.wire import Event, Phase, Severity
 from mission.geometry.formation import make_layout
 from mission.geometry.frames import LocalFrame, Vector3
 from mission.geometry.geofence import LocalFence
+from mission.geometry.known_obstacles import LocalObstacles
 from mission.strategies.contract import (
     Decision,
     GoTo,
@@ -107,6 +109,10 @@ class Agent:
         self.frame = LocalFrame(config.origin)
         self.phase = FlightPhase(config.drone)
         fence = LocalFence(self.frame, config.geofence) if config.geofence else None
+        obstacles = None
+        if config.obstacles:
+            obstacles = LocalObstacles(self.frame, config.obstacles, config.limits.obstacle_margin_m)
+        self._obstacles = obstacles
 
         def conflict(autopilots: OwnFence, home_ned_m: Vector3) -> str:
             return fence_conflict(autopilots, home_ned_m, fence, config.limits, self.frame)
@@ -125,11 +131,12 @@ class Agent:
             lost_after_s=config.limits.peer_lost_s,
             tick_s=1.0 / config.tick_hz,
         )
-        self._guard = Guard(config.limits, fence)
+        self._guard = Guard(config.limits, fence, obstacles)
+        self._places = FreePlaces(config.limits, fence, obstacles)
         layers = layers_of(config.drone, config.swarm.members, config.formation, config.limits)
         self._layer_above_home_m = layers.agent_above_home_m
-        self._homecoming = Homecoming(config.limits, fence, -self._layer_above_home_m)
-        self._leaving = Leaving(config.limits, fence, config.origin.amsl_m)
+        self._homecoming = Homecoming(config.limits, fence, -self._layer_above_home_m, obstacles)
+        self._leaving = Leaving(config.limits, fence, config.origin.amsl_m, obstacles)
         self._slot = SlotTransfer(config.limits.separation_m)
         self._bounds = StageBounds(config.limits, fence)
         self._obedience = Obedience(config.limits.floor_above_home_m)
@@ -189,6 +196,7 @@ class Agent:
             self._decision = ended(self._decision, swarm.order, end.gives_up)
         notes += self._bounds.notes(root=place.root == self.config.drone)
         # guard
+        self._guard.look(now_s, vehicle.position_ned_m, vehicle.ranges, swarm.neighbours)
         guarded = self._steer(phase, intent, vehicle, swarm)
         notes += self._obedience.step(now_s, guarded.setpoint if guarded else None, vehicle)
         if self._obedience.grounded:
@@ -370,14 +378,16 @@ class Agent:
             return Hold()
         match phase.phase:
             case Phase.FORMING if target is not None:
-                return GoTo(over_the_top(position, target, -self._layer_above_home_m))
+                return GoTo(over_the_top(position, self._places.at(target), -self._layer_above_home_m))
             case Phase.RETURNING:
                 return self._homecoming.intent(position)
             case Phase.SEARCHING | Phase.TRACKING if place.slot >= 0:
                 if self._formed_s is None:
                     self._formed_s = now_s
                 if slot.transferring and target is not None:
-                    return GoTo(underneath(position, target, self._lower_layer_down_m()))
+                    below_m = self._lower_layer_down_m()
+                    free = self._places.at(target)
+                    return GoTo(underneath(position, free, below_m, self._places.over(free, below_m)))
                 own = OwnState(
                     self.config.drone,
                     position,
@@ -389,7 +399,13 @@ class Agent:
                 self._decision, self._strategy_failure = consult(
                     self._strategy,
                     Observation(
-                        now_s - self._formed_s, own, swarm.neighbours, place, swarm.order, swarm.readings
+                        now_s - self._formed_s,
+                        own,
+                        swarm.neighbours,
+                        place,
+                        swarm.order,
+                        swarm.readings,
+                        self._ranges_m(vehicle, position),
                     ),
                     self._rng,
                 )
@@ -397,6 +413,12 @@ class Agent:
                 return self._decision.intent
             case _:
                 return Hold()
+
+    def _ranges_m(self, vehicle: VehicleReport, position: Vector3) -> tuple[tuple[float, float], ...]:
+        """What stands around: as the range finder sees it, or as far as it is known."""
+        if vehicle.ranges is not None:
+            return vehicle.ranges.beams
+        return () if self._obstacles is None else self._obstacles.ranges_m(position)
 
     def _lower_layer_down_m(self) -> float:
         """Altitude (as down) of the heir's corridor."""

@@ -9,6 +9,7 @@ from msgspec import Meta
 
 from mission.geometry.frames import Geodetic
 from mission.geometry.geofence import Geofence
+from mission.geometry.known_obstacles import KnownObstacle
 
 Positive = Annotated[float, Meta(gt=0.0)]
 NotNegative = Annotated[float, Meta(ge=0.0)]
@@ -134,6 +135,8 @@ class LimitsConfig(Section, frozen=True, kw_only=True):
     ceiling_above_home_m: Positive = 60.0
     fence_margin_m: NotNegative = 3.0
     """The guard keeps this distance from every fence line."""
+    obstacle_margin_m: NotNegative = 3.0
+    """And this one from every obstacle that is known, beside it and above it."""
     peer_suspected_s: Positive = 0.8
     """Silence after which a member is missed; it counts as lost half a second later, unless it objects."""
     peer_lost_s: Positive = 3.0
@@ -171,6 +174,8 @@ class DroneConfig(Section, frozen=True, kw_only=True):
     formation: FormationConfig = FormationConfig()
     limits: LimitsConfig = LimitsConfig()
     geofence: Geofence | None = None
+    obstacles: Annotated[tuple[KnownObstacle, ...], Meta(max_length=1000)] = ()
+    """What is known to stand there; the guard keeps clear of it."""
     strategy: StrategyConfig = StrategyConfig()
     seed: int = 0
     """Seed of the strategy's randomness; all members share it."""

@@ -15,6 +15,7 @@ from flightstack.flight.layers import highest_agent_m, layer_cautions
 from flightstack.limit_checks import formation_problems, limit_problems, name_problems, parameter_problems
 from flightstack.mavlink.link import LinkError, check_link
 from flightstack.mavlink.signing_store import SigningKeyError, read_key
+from flightstack.obstacle_checks import obstacle_cautions, obstacle_problems
 from flightstack.sensing.filter_stage import co2_settings, wind_settings
 from flightstack.transport.access_rules import access_problems
 from flightstack.transport.certificates import beside, check_files
@@ -89,6 +90,7 @@ def problems(config: DroneConfig) -> Iterator[tuple[str, str]]:
     yield from access_problems(config.swarm)
     yield from radio_problems(config.radio, config.clock)
     yield from _fence(config)
+    yield from obstacle_problems(config)
     try:
         make(config.strategy.name, layout=layout, **config.strategy.parameters)
     except (TypeError, ValueError) as error:
@@ -117,6 +119,7 @@ def cautions(config: DroneConfig) -> Iterator[tuple[str, str]]:
     """What can be flown and promises less than it could: (field, what, and how to mend it)."""
     members, parameters = config.swarm.members, config.autopilot.parameters
     yield from layer_cautions(config.drone, members, config.formation, config.limits, parameters)
+    yield from obstacle_cautions(config)
 
 
 def _claims(config: DroneConfig) -> Iterator[Claim]:

@@ -22,6 +22,7 @@ _MOST: Final = {
     "floor_above_home_m": 5000.0,
     "ceiling_above_home_m": 5000.0,
     "fence_margin_m": 1000.0,
+    "obstacle_margin_m": 1000.0,
     "peer_suspected_s": 600.0,
     "peer_lost_s": 600.0,
     "position_stale_s": 60.0,
@@ -32,12 +33,13 @@ _LEAST: Final = {
     "climb_mps": 0.1,
     "descent_mps": 0.1,
     "acceleration_mps2": 0.1,
+    "obstacle_margin_m": 1.0,
     "peer_suspected_s": 0.5,
     "peer_lost_s": 0.5,
     "position_stale_s": 0.2,
     "ground_lost_s": 1.0,
 }
-"""Less cannot be kept: peers tell their state five times a second, the ground station once."""
+"""Less cannot be kept: peers tell their state five times a second, the ground station once; a GPS errs by metres."""
 _LONGEST_STOP_S: Final = 30.0
 _SHORTEST_STAGE_S: Final = 20.0
 _FULLEST_RETURN: Final = 0.9

@@ -54,6 +54,11 @@ class OrphanConfig(Section, frozen=True, kw_only=True):
     all_silent_grace_s: Positive = 30.0
     """The same when every agent fell silent: more likely our own radio failed than all of them at once, and
     an autopilot that is taken from a healthy agent ends a survey."""
+    apart_m: Positive = 5.0
+    """How near two may come on their ways home: the drones' `limits.separation_m` and a metre. One that would come
+    nearer to another waits for it."""
+    longest_wait_s: Positive = 300.0
+    """So long a vehicle waits at most for all others together: its battery does not last."""
 
 
 class AlarmLimits(Section, frozen=True, kw_only=True):

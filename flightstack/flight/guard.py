@@ -1,4 +1,4 @@
-"""The last word before a setpoint leaves the drone: geofence, altitude band, separation, speed, staleness.
+"""The last word before a setpoint leaves the drone: geofence, obstacles, altitude band, separation, speed, staleness.
 
 The guard turns an intent into a velocity, takes away from it whatever would lead over a limit, and says what
 held it back. It never makes a drone faster and never trusts a strategy.
@@ -16,22 +16,21 @@ from collections.abc import Sequence
 import msgspec
 
 from flightstack.config import LimitsConfig
+from flightstack.flight.braking import REACTION_S, braking_speed_mps
 from flightstack.flight.columns import columns
 from flightstack.flight.guidance import CORRIDOR_M, HOVERS_MPS, horizontal_m, stays, stretch, whereabouts
+from flightstack.flight.keeping_clear import kept_clear
+from flightstack.flight.surroundings import Surroundings
 from flightstack.flight.way_around import Room, Way, WayAround
+from flightstack.mavlink.obstacle_distance import Ranges
 from flightstack.swarm.peers import FRESH_S
 from mission.geometry.frames import Vector3
 from mission.geometry.geofence import LocalFence
+from mission.geometry.known_obstacles import LocalObstacles
 from mission.strategies.contract import GoTo, Hold, Intent, Neighbour, Velocity
-
-GAIN_PER_S = 0.8
-"""Speed asked for per metre of distance, close to a target or a limit."""
 
 SEPARATION_MARGIN_M = 1.0
 """Room over the configured minimum for the positions' own errors."""
-
-REACTION_S = 0.3
-"""Time from a setpoint to the vehicle's following it."""
 
 AGEING_MPS = 0.5
 """How fast the room around a silent neighbour grows with the age of what it last said."""
@@ -41,11 +40,19 @@ AGEING_LIMIT_M = 1.0
 LEVEL_M = 2.0
 """A target this near to the drone's own altitude is in the rooms that are in its way here."""
 
+OVER_M = 1.0
+"""So much higher than an obstacle's margin a drone flies over it."""
+
 PASSING_MPS = 2.0
 """How fast a corner of the way around something is passed."""
 
 SWAYS_MPS = 1.5
 """What is gone around already may move so fast for a moment, in a gust, and is still gone around."""
+
+LEAST_MPS = 0.5
+"""A sensor that sees no farther than the margin does not stop the drone."""
+
+AN_OBSTACLE = "kept clear of an obstacle"
 
 STATION_M = 0.5
 """Nearer than this to an unopposed target, the autopilot's own position controller keeps the station."""
@@ -68,22 +75,29 @@ class Guarded(msgspec.Struct, frozen=True):
     """What took part of the intent away, in words for an operator; empty if nothing did."""
 
 
-def braking_speed_mps(distance_m: float, acceleration_mps2: float) -> float:
-    """Largest speed towards something `distance_m` away from which one stops in time; negative once past it."""
-    if distance_m <= 0.0:
-        return GAIN_PER_S * distance_m
-    return min(GAIN_PER_S * distance_m, math.sqrt(1.2 * acceleration_mps2 * distance_m))
-
-
 class Guard:
     """One drone's guard. `apply` is called once a tick; it remembers the point that a Hold holds, and the way around
     what hovers."""
 
-    def __init__(self, limits: LimitsConfig, fence: LocalFence | None) -> None:
+    def __init__(
+        self, limits: LimitsConfig, fence: LocalFence | None, obstacles: LocalObstacles | None = None
+    ) -> None:
         self._limits = limits
         self._fence = fence
+        self._surroundings = Surroundings(obstacles, limits.obstacle_margin_m)
         self._held_ned_m: Vector3 | None = None
-        self._way = WayAround(fence, limits.fence_margin_m)
+        self._way = WayAround(fence, limits.fence_margin_m, self._surroundings)
+
+    def look(
+        self,
+        now_s: float,
+        position_ned_m: Vector3 | None,
+        ranges: Ranges | None,
+        neighbours: Sequence[Neighbour],
+    ) -> None:
+        """Remember what the range finder sees now, wherever the drone is flown from; before `apply`."""
+        if position_ned_m is not None and ranges is not None:
+            self._surroundings.look(now_s, position_ned_m, ranges, neighbours)
 
     def apply(
         self,
@@ -132,8 +146,17 @@ class Guard:
         wanted_velocity = velocity
         velocity = self._keep_apart(position_ned_m, velocity, neighbours, home_ned_m, around, held_by)
         velocity = self._keep_band(position_ned_m, velocity, held_by)
-        velocity = self._keep_inside(position_ned_m, velocity, held_by)
-        velocity = self._capped(velocity, limits.speed_mps)
+        velocity = self._keep_clear(position_ned_m, velocity_ned_mps, velocity, held_by)
+        inside = self._keep_inside(position_ned_m, velocity, held_by)
+        velocity = self._keep_clear(position_ned_m, velocity_ned_mps, inside, held_by)
+        if velocity != inside and self._fence is not None:  # where the fence had turned it back
+            spare_m = self._fence.clearance_m(*position_ned_m[:2]) - limits.fence_margin_m
+            velocity = self._able_to_stop(position_ned_m, velocity, spare_m)
+        # No faster than it can stop before what it sees first at the end of its sight.
+        in_sight_mps = braking_speed_mps(
+            self._surroundings.reach_m - limits.obstacle_margin_m, limits.acceleration_mps2
+        )
+        velocity = self._capped(velocity, max(min(limits.speed_mps, in_sight_mps), LEAST_MPS))
         near = station and target is not None and math.dist(position_ned_m, target) < STATION_M
         if near and target is not None and velocity == wanted_velocity:
             return Guarded(PositionTarget(target), tuple(held_by))
@@ -173,11 +196,14 @@ class Guard:
                 radius_m = math.sqrt(room_m**2 - below_m**2)
                 rooms.append(Room(other.drone, (from_m[0], from_m[1]), (to_m[0], to_m[1]), radius_m))
         level = abs(target[2] - position[2]) < LEVEL_M
-        way = self._way.step(position[:2], target[:2], rooms, level=level)
-        if way.around:
-            names = f"drone{'s' * (len(way.around) > 1)} {', '.join(map(str, way.around))}"
+        # Around what ends just below a target one goes too: a drone that sways would be stopped at its edge.
+        above_home_m = -target[2] - OVER_M if level else -position[2]
+        way = self._way.step(position[:2], target[:2], rooms, above_home_m, level=level)
+        if way.around or way.walls:
+            drones = f"drone{'s' * (len(way.around) > 1)} {', '.join(map(str, way.around))}"
+            what = " and ".join([drones] * bool(way.around) + ["an obstacle"] * way.walls)
             held_by.append(
-                f"as near to the target as {names} allows" if way.shifted else f"goes around {names}"
+                f"as near to the target as {what} allows" if way.shifted else f"goes around {what}"
             )
         return way
 
@@ -261,6 +287,14 @@ class Guard:
         if abs(kept_mps - down_mps) > 0.05:
             held_by.append("altitude band")
         return velocity[0], velocity[1], kept_mps
+
+    def _keep_clear(
+        self, position: Vector3, velocity: Vector3, wanted: Vector3, held_by: list[str]
+    ) -> Vector3:
+        kept = kept_clear(position, velocity, wanted, self._surroundings, self._limits)
+        if kept != wanted and AN_OBSTACLE not in held_by:
+            held_by.append(AN_OBSTACLE)
+        return kept
 
     def _keep_inside(self, position: Vector3, velocity: Vector3, held_by: list[str]) -> Vector3:
         if self._fence is None:

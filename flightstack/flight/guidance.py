@@ -29,9 +29,8 @@ def horizontal_m(a: Vector3, b: Vector3) -> float:
 
 def over_the_top(position_ned_m: Vector3, target_ned_m: Vector3, layer_down_m: float) -> Vector3:
     """Climb to the layer, cross in it, come down onto the target: forming up and going home."""
-    return _by_layer(
-        position_ned_m, target_ned_m, layer_down_m, reached=position_ned_m[2] <= layer_down_m + 1.0
-    )
+    reached = position_ned_m[2] <= layer_down_m + 1.0
+    return _by_layer(position_ned_m, target_ned_m, layer_down_m, target_ned_m[:2], reached=reached)
 
 
 def heir_below_m(limits: LimitsConfig) -> float:
@@ -39,11 +38,19 @@ def heir_below_m(limits: LimitsConfig) -> float:
     return 1.25 * limits.separation_m + 1.0
 
 
-def underneath(position_ned_m: Vector3, target_ned_m: Vector3, layer_down_m: float) -> Vector3:
-    """Descend below the formation, cross there, climb into the slot: the heir's way (LoCUS paper, figure 5)."""
-    return _by_layer(
-        position_ned_m, target_ned_m, layer_down_m, reached=position_ned_m[2] >= layer_down_m - 0.7
-    )
+def underneath(
+    position_ned_m: Vector3,
+    target_ned_m: Vector3,
+    layer_down_m: float,
+    turn_m: tuple[float, float] | None = None,
+) -> Vector3:
+    """Descend below the formation, cross there, climb into the slot: the heir's way (LoCUS paper, figure 5).
+
+    `turn_m`: where (north, east) the crossing ends, if down there something stands below the slot.
+    """
+    reached = position_ned_m[2] >= layer_down_m - 0.7
+    turn_m = target_ned_m[:2] if turn_m is None else turn_m
+    return _by_layer(position_ned_m, target_ned_m, layer_down_m, turn_m, reached=reached)
 
 
 COAST_S = 4.0
@@ -131,9 +138,26 @@ def landing_point(
     return home_ned_m
 
 
-def _by_layer(position: Vector3, target: Vector3, layer_down_m: float, *, reached: bool) -> Vector3:
-    if horizontal_m(position, target) <= CORRIDOR_M:
+def _by_layer(
+    position: Vector3,
+    target: Vector3,
+    layer_down_m: float,
+    turn_m: tuple[float, float],
+    *,
+    reached: bool,
+) -> Vector3:
+    if _aside_m(position[:2], turn_m, target[:2]) <= CORRIDOR_M:
         return target
     if reached:
-        return target[0], target[1], layer_down_m
+        return turn_m[0], turn_m[1], layer_down_m
     return position[0], position[1], layer_down_m
+
+
+def _aside_m(place_m: tuple[float, float], a_m: tuple[float, float], b_m: tuple[float, float]) -> float:
+    """Horizontal distance of a place to the stretch from a to b."""
+    along_n, along_e = b_m[0] - a_m[0], b_m[1] - a_m[1]
+    from_a = (place_m[0] - a_m[0], place_m[1] - a_m[1])
+    length2_m2 = along_n**2 + along_e**2
+    share = (from_a[0] * along_n + from_a[1] * along_e) / length2_m2 if length2_m2 > 0.0 else 0.0
+    share = min(max(share, 0.0), 1.0)
+    return math.hypot(from_a[0] - share * along_n, from_a[1] - share * along_e)

@@ -12,6 +12,7 @@ from flightstack.flight.guidance import CORRIDOR_M, column_free, horizontal_m, l
 from flightstack.swarm.peers import FRESH_S
 from mission.geometry.frames import Vector3
 from mission.geometry.geofence import LocalFence
+from mission.geometry.known_obstacles import LocalObstacles
 from mission.strategies.contract import GoTo, Hold, Intent, Neighbour
 
 LANDING_HEIGHT_M = 4.0
@@ -40,9 +41,16 @@ _AT_HOME_M = [(0.0, 0.0)] + [
 class Homecoming:
     """One drone's way home: over the others in its own layer, down to home or to a free place beside it."""
 
-    def __init__(self, limits: LimitsConfig, fence: LocalFence | None, layer_down_m: float) -> None:
+    def __init__(
+        self,
+        limits: LimitsConfig,
+        fence: LocalFence | None,
+        layer_down_m: float,
+        obstacles: LocalObstacles | None = None,
+    ) -> None:
         self._limits = limits
         self._fence = fence
+        self._obstacles = obstacles
         self._layer_down_m = layer_down_m
         self._landing_ned_m: Vector3 | None = None
         """Where this drone comes down: home, unless somebody hovers there who will not make way."""
@@ -100,7 +108,7 @@ class Homecoming:
         if home is None or not returning:
             self._landing_ned_m = home
             return
-        limits, fence = self._limits, self._fence
+        limits, fence, obstacles = self._limits, self._fence, self._obstacles
         least_m = limits.separation_m + SEPARATION_MARGIN_M
         room_m = least_m + AGEING_LIMIT_M + CORRIDOR_M
         chosen = self._landing_ned_m or home
@@ -121,6 +129,8 @@ class Homecoming:
         def allowed(north_m: float, east_m: float) -> bool:
             place = (north_m, east_m)
             if fence is not None and not fence.path_clear(place, place, limits.fence_margin_m):
+                return False
+            if obstacles is not None and not obstacles.is_free(north_m, east_m, 0.0):
                 return False
             point = (north_m, east_m, home[2])
             return all(in_own_cell(point, home, other, limits.separation_m) for other in others)

@@ -9,6 +9,7 @@ from flightstack.flight.launch_point import unfit
 from flightstack.swarm.parting import GOES_HOME_BECAUSE, Part
 from mission.geometry.frames import Vector3
 from mission.geometry.geofence import LocalFence
+from mission.geometry.known_obstacles import LocalObstacles
 
 HASTE_SHARE = 0.8
 """Of `limits.battery_return_fraction`: with less than that a drone waits for nobody before it goes home."""
@@ -31,9 +32,16 @@ class LeavingFacts(msgspec.Struct, frozen=True, kw_only=True):
 class Leaving:
     """One drone's reasons. `step` once a tick: some have to stand for a while."""
 
-    def __init__(self, limits: LimitsConfig, fence: LocalFence | None, origin_amsl_m: float) -> None:
+    def __init__(
+        self,
+        limits: LimitsConfig,
+        fence: LocalFence | None,
+        origin_amsl_m: float,
+        obstacles: LocalObstacles | None = None,
+    ) -> None:
         self._limits = limits
         self._fence = fence
+        self._obstacles = obstacles
         self._origin_amsl_m = origin_amsl_m
         self._battery_low_since_s: float | None = None
 
@@ -41,7 +49,8 @@ class Leaving:
         """Why the drone must return, or may not start; nothing if it can go on. Of several reasons the first."""
         battery = self._battery(now_s, facts.battery_fraction)
         if facts.launch_ned_m is not None:
-            reason = unfit(facts.launch_ned_m, self._fence, self._limits.fence_margin_m, self._origin_amsl_m)
+            margin_m = self._limits.fence_margin_m
+            reason = unfit(facts.launch_ned_m, self._fence, margin_m, self._origin_amsl_m, self._obstacles)
             if reason:
                 return reason
         if facts.armed and facts.strategy_failure:

@@ -1,15 +1,14 @@
-"""The way around vehicles that hover and make way for nobody.
+"""The way around vehicles that hover and make way for nobody, and around obstacles that are known.
 
-Around each of them is a room that no drone may enter. A target inside is moved to the nearest place outside; where
-rooms lie on the straight way the shortest way around them is flown, inside of the fence. A way is kept while
-nothing has changed, so that a drone does not turn to the other side half way.
+Around each vehicle is a room that no drone may enter; an obstacle with its margin is another. A target inside is
+moved to the nearest place outside; where they lie on the straight way the shortest way around them is flown, inside
+of the fence. A way is kept while nothing has changed, so that a drone does not turn to the other side half way.
 
 Horizontal places are (north_m, east_m) in the swarm's frame, as in `mission.geometry.geofence`.
 """
 
 from __future__ import annotations
 
-import heapq
 import math
 from collections.abc import Sequence
 from typing import Final
@@ -17,8 +16,10 @@ from typing import Final
 import msgspec
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
+from flightstack.flight.surroundings import Surroundings
 from mission.geometry.geofence import LocalFence, LocalPoint
 
 RIM_M: Final = 0.8
@@ -32,6 +33,13 @@ _FENCE_SLACK_M: Final = 0.5
 """A drone on its way sways about the margin to the fence; the guard keeps it."""
 _MOST_ROOMS: Final = 12
 """The nearest so many are gone around; the guard keeps clear of all."""
+_COARSE_M: Final = 0.3
+"""How far the way around obstacles may cut the corners of their rims, which lie `RIM_M` outside."""
+_MOST_CORNERS: Final = 600
+"""Of obstacles, the nearest to the straight way."""
+
+
+_NOTHING: Final = shapely.Point()
 
 
 class Room(msgspec.Struct, frozen=True):
@@ -61,17 +69,24 @@ class Way(msgspec.Struct, frozen=True):
     """The end is not the target but the nearest place to it outside of the rooms."""
     around: tuple[int, ...] = ()
     """The drones that are gone around, or in whose rooms the target is; empty where the way is straight."""
+    walls: bool = False
+    """Whether the way leads around obstacles, or the target is in one."""
 
 
 class WayAround:
     """One drone's way. `step` once a tick; between the ticks it remembers the way that is being flown."""
 
-    def __init__(self, fence: LocalFence | None, margin_m: float) -> None:
+    def __init__(
+        self, fence: LocalFence | None, margin_m: float, obstacles: Surroundings | None = None
+    ) -> None:
+        """`margin_m`: to the fence."""
         self._fence = fence
         self._margin_m = margin_m
+        self._obstacles = obstacles
         self._target_m: LocalPoint | None = None
         self._rooms: tuple[Room, ...] = ()
-        self._closed: BaseGeometry = shapely.Point()
+        self._walls: BaseGeometry = _NOTHING
+        self._closed: BaseGeometry = _NOTHING
         self._way_m: list[LocalPoint] = []
         """What is still to be passed, the end last; empty where no way leads around."""
         self._shifted = False
@@ -82,50 +97,84 @@ class WayAround:
         return frozenset(room.drone for room in self._rooms)
 
     def step(
-        self, position_m: LocalPoint, target_m: LocalPoint, rooms: Sequence[Room], *, level: bool = True
+        self,
+        position_m: LocalPoint,
+        target_m: LocalPoint,
+        rooms: Sequence[Room],
+        above_home_m: float = 0.0,
+        *,
+        level: bool = True,
     ) -> Way:
-        """The way from here. `level`: the target is at this altitude, so that the rooms are in its way too."""
+        """The way from here at a height. `level`: the target is at this height too, so that what is in the way is in
+        the target's."""
         reach_m = math.dist(position_m, target_m)
         near = sorted((_between_m(room, position_m), room.drone, room) for room in rooms)
         # One that is farther away than the target, by all of its room, is on no way there that is worth flying.
         chosen = tuple(room for away_m, _, room in near if away_m < reach_m + room.radius_m + RIM_M)
         chosen = tuple(sorted(chosen[:_MOST_ROOMS], key=lambda room: room.drone))
-        if not chosen:
+        walls = _NOTHING if self._obstacles is None else self._obstacles.walls(above_home_m)
+        in_the_way = bool(shapely.intersects(walls, _line(position_m, target_m)))
+        if not chosen and not in_the_way:
             self._target_m, self._rooms = None, ()
             return Way(target_m, last=True, shifted=False)
-        if not self._is_planned(target_m, chosen):
-            self._target_m, self._rooms = target_m, chosen
-            self._plan(position_m, target_m, level=level)
+        if not self._is_planned(target_m, chosen, walls):
+            self._target_m, self._rooms, self._walls = target_m, chosen, walls
+            self._plan(position_m, target_m, above_home_m, level=level)
         self._pass(position_m)
         around = tuple(room.drone for room in chosen)
         if not self._way_m:
-            return Way(target_m, last=True, shifted=False, around=around)
+            return Way(target_m, last=True, shifted=False, around=around, walls=in_the_way)
         last = len(self._way_m) == 1
         straight = last and not self._shifted
-        return Way(self._way_m[0], last, last and self._shifted, () if straight else around)
+        return Way(
+            self._way_m[0],
+            last,
+            last and self._shifted,
+            () if straight else around,
+            in_the_way and not straight,
+        )
 
-    def _is_planned(self, target_m: LocalPoint, rooms: tuple[Room, ...]) -> bool:
+    def _is_planned(self, target_m: LocalPoint, rooms: tuple[Room, ...], walls: BaseGeometry) -> bool:
         return (
             self._target_m is not None
             and math.dist(target_m, self._target_m) < SAME_M
+            and walls is self._walls
             and len(rooms) == len(self._rooms)
             and all(room.is_like(old) for room, old in zip(rooms, self._rooms, strict=True))
         )
 
-    def _plan(self, position_m: LocalPoint, target_m: LocalPoint, *, level: bool) -> None:
-        self._closed = _union(self._rooms, 0.0)
+    def _plan(
+        self, position_m: LocalPoint, target_m: LocalPoint, above_home_m: float, *, level: bool
+    ) -> None:
+        self._closed, rim = _union(self._rooms, 0.0), _union(self._rooms, RIM_M)
+        corners = _corners(rim)
+        if self._obstacles is not None and not self._walls.is_empty:
+            self._closed = shapely.union(self._closed, self._walls)
+            corners += self._wall_corners(position_m, target_m, above_home_m)
+            rim = shapely.union(rim, self._obstacles.walls(above_home_m, RIM_M))
         shapely.prepare(self._closed)
-        rim = _union(self._rooms, RIM_M)
         goal_m = self._outside(rim, target_m) if level else target_m
         self._shifted = goal_m != target_m
         if self._is_free(position_m, goal_m):
             self._way_m = [goal_m]
             return
         start_m = _nearest_on(rim.boundary, position_m) if self._is_closed(position_m) else position_m
-        corners = [(float(north_m), float(east_m)) for north_m, east_m in shapely.get_coordinates(rim)]
         places = [start_m, goal_m, *(c for c in corners if self._allows(c))]
         way = self._shortest(places)
         self._way_m = [start_m, *way] if way and start_m != position_m else way
+
+    def _wall_corners(
+        self, position_m: LocalPoint, target_m: LocalPoint, above_home_m: float
+    ) -> list[LocalPoint]:
+        """Where the way may turn around obstacles: the corners of their rims, the nearest to the straight way."""
+        if self._obstacles is None:
+            return []
+        rim = shapely.simplify(self._obstacles.walls(above_home_m, RIM_M, pointed=True), _COARSE_M)
+        corners = _corners(rim)
+        if len(corners) > _MOST_CORNERS:
+            away_m = shapely.distance(shapely.points(corners), _line(position_m, target_m))
+            corners = [corners[index] for index in np.argsort(away_m, kind="stable")[:_MOST_CORNERS]]
+        return corners
 
     def _outside(self, rim: BaseGeometry, target_m: LocalPoint) -> LocalPoint:
         """The target, or the nearest allowed place to it that is in nobody's room."""
@@ -138,34 +187,37 @@ class WayAround:
 
     def _shortest(self, places: list[LocalPoint]) -> list[LocalPoint]:
         """From the first place to the second over some of the others, without the first; empty if no way leads there
-        (Dijkstra's)."""
+        (A*: legs are looked at only from places that are reached)."""
         points = np.array(places)
-        first, second = (np.ravel(index) for index in np.triu_indices(len(places), 1))
-        legs = shapely.linestrings(np.stack((points[first], points[second]), axis=1))
+        to_goal_m = np.hypot(*(points - points[1]).T)
+        least_m, before = np.full(len(places), math.inf), np.zeros(len(places), dtype=np.int64)
+        open_ones = np.ones(len(places), dtype=bool)
+        least_m[0] = 0.0
+        while True:
+            expected_m = np.where(open_ones, least_m + to_goal_m, math.inf)
+            here = int(np.argmin(expected_m))
+            if not math.isfinite(expected_m[here]):
+                return []
+            if here == 1:
+                break
+            open_ones[here] = False
+            over_here_m = least_m[here] + np.hypot(*(points - points[here]).T)
+            better = np.flatnonzero(open_ones & (over_here_m < least_m))
+            legs = shapely.linestrings(
+                np.stack((np.broadcast_to(points[here], (len(better), 2)), points[better]), 1)
+            )
+            reached = better[self._are_free(legs)]
+            least_m[reached], before[reached] = over_here_m[reached], here
+        way = [1]
+        while before[way[-1]] != 0:
+            way.append(int(before[way[-1]]))
+        return [places[index] for index in reversed(way)]
+
+    def _are_free(self, legs: NDArray[np.object_]) -> NDArray[np.bool_]:
         free = ~shapely.intersects(self._closed, legs)
         if self._fence is not None:
             free &= shapely.covers(self._fence.room(self._margin_m - _FENCE_SLACK_M), legs)
-        next_to: dict[int, list[tuple[int, float]]] = {}
-        for a, b in zip(first[free].tolist(), second[free].tolist(), strict=True):
-            leg_m = math.dist(places[a], places[b])
-            next_to.setdefault(a, []).append((b, leg_m))
-            next_to.setdefault(b, []).append((a, leg_m))
-        least_m, before = {0: 0.0}, {0: 0}
-        queue = [(0.0, 0)]
-        while queue:
-            so_far_m, here = heapq.heappop(queue)
-            if here == 1:
-                break
-            for there, leg_m in next_to.get(here, ()) if so_far_m <= least_m[here] else ():
-                if so_far_m + leg_m < least_m.get(there, math.inf):
-                    least_m[there], before[there] = so_far_m + leg_m, here
-                    heapq.heappush(queue, (so_far_m + leg_m, there))
-        if 1 not in before:
-            return []
-        way = [1]
-        while before[way[-1]] != 0:
-            way.append(before[way[-1]])
-        return [places[index] for index in reversed(way)]
+        return np.asarray(free)
 
     def _pass(self, position_m: LocalPoint) -> None:
         """Forget what lies behind: a place that is reached, or whose next one is in sight."""
@@ -176,7 +228,7 @@ class WayAround:
             del self._way_m[0]
 
     def _is_free(self, a: LocalPoint, b: LocalPoint) -> bool:
-        if shapely.intersects(self._closed, shapely.LineString((a, b))):
+        if shapely.intersects(self._closed, _line(a, b)):
             return False
         return self._fence is None or self._fence.path_clear(a, b, self._margin_m - _FENCE_SLACK_M)
 
@@ -193,6 +245,14 @@ def _union(rooms: Sequence[Room], more_m: float) -> BaseGeometry:
     stretches = [shapely.LineString((room.from_m, room.to_m)) for room in rooms]
     radii_m = [room.radius_m + more_m for room in rooms]
     return shapely.union_all(shapely.buffer(stretches, radii_m, quad_segs=_QUARTER))
+
+
+def _corners(shape: BaseGeometry) -> list[LocalPoint]:
+    return [(float(north_m), float(east_m)) for north_m, east_m in shapely.get_coordinates(shape)]
+
+
+def _line(a: LocalPoint, b: LocalPoint) -> BaseGeometry:
+    return shapely.LineString((a, b))
 
 
 def _between_m(room: Room, place_m: LocalPoint) -> float:

@@ -26,6 +26,7 @@ from flightstack.swarm.wire import (
     GroundBeat,
     GroundReport,
     MemberRegister,
+    OrderState,
     ReadingsState,
     TableState,
     Traffic,
@@ -42,6 +43,7 @@ from mission.tree.slot_registers import SlotRegister
 Message = (
     DroneState
     | TableState
+    | OrderState
     | ReadingsState
     | Command
     | CommandOutcome
@@ -58,7 +60,7 @@ LARGEST_COUNT = 1 << 31
 """Of claims, lives, orders and heals: a swarm that made one a second would need 68 years."""
 LONGEST_WORD = 200
 NOTE_AT_MOST_BYTES = 1024
-"""Of an order's note: it goes out with every table."""
+"""Of an order's note: it goes out with every telling of the order."""
 WORD_AT_MOST_BYTES = 512
 """Of a strategy's word: it goes out with every state."""
 OLDEST_S = 86_400.0
@@ -99,6 +101,9 @@ class Refusal(msgspec.Struct, frozen=True):
     message: Message | None
     """What was said, if it is plausible in itself: an operator has to see also what no drone may believe."""
 
+
+_OF_A_DRONE = (DroneState, TableState, OrderState, ReadingsState)
+"""What a drone tells of itself and of what it knows."""
 
 _OF_THE_PAST = (
     "it was started before the one that was heard: a second one under this name, something recorded, or its clock "
@@ -161,7 +166,7 @@ class Admission:
 
     def _misplaced(self, sender: str, message: Message) -> tuple[RefusalKind, str] | None:
         """What is wrong with where a message comes from."""
-        if isinstance(message, DroneState | TableState | ReadingsState):
+        if isinstance(message, _OF_A_DRONE):
             if str(message.sender) != sender:
                 return _misnamed(message.sender, sender)
             if message.sender == self._drone and message.incarnation == self._incarnation:
@@ -178,9 +183,7 @@ class Admission:
             and sender != str(message.sender)
         ):
             return _misnamed(message.sender, sender)
-        if isinstance(
-            message, DroneState | TableState | ReadingsState | Traffic
-        ) and self._frame_identity not in (
+        if isinstance(message, (*_OF_A_DRONE, Traffic)) and self._frame_identity not in (
             None,
             message.frame,
         ):
@@ -204,6 +207,8 @@ def refusal(message: object, members: Collection[int]) -> str:
             return _state(message)
         case TableState():
             return _table(message, members)
+        case OrderState():
+            return _ordered(message, members)
         case ReadingsState():
             return _readings(message, members)
         case Command():
@@ -336,9 +341,12 @@ def _table(state: TableState, members: Collection[int]) -> str:
         return "its members are not those of this swarm"
     if not all(_is_member_register(register) for _, register in state.members):
         return "a member's life in it is none"
-    if state.order is None or state.ordered_by is None:
-        neither = state.order is None and state.ordered_by is None
-        return "" if neither else "its order and the claim of who gave it are told apart"
+    return ""
+
+
+def _ordered(state: OrderState, members: Collection[int]) -> str:
+    if not 0 <= state.sequence < LARGEST_COUNT:
+        return "its count of messages is none"
     return _order(state.order) if _is_claim(state.ordered_by, members) else "nobody gave its order"
 
 
@@ -376,6 +384,8 @@ def _order(order: Order) -> str:
         return "its order leads nowhere"
     if not abs(order.rotation_rad) <= FARTHEST_M:
         return "its order's rotation is none"
+    if order.source_sd_m is not None and not 0.0 <= order.source_sd_m <= FARTHEST_M:
+        return "its order's source is known to no number of metres"
     if len(order.note) > NOTE_AT_MOST_BYTES:
         return f"its order's note has {len(order.note)} bytes, more than {NOTE_AT_MOST_BYTES}"
     return ""

@@ -1,4 +1,5 @@
-"""What one drone tells the others, and when: its state at its rate, its table where others know another."""
+"""What one drone tells the others, and when: its state at its rate, table and order where others know
+another."""
 
 from __future__ import annotations
 
@@ -8,12 +9,12 @@ import msgspec
 
 from flightstack.autopilot import TakenBy, VehicleReport
 from flightstack.sensing.filter_stage import Sensed
-from flightstack.swarm.exchange import Exchange
+from flightstack.swarm.exchange import Exchange, OrderExchange
 from flightstack.swarm.news import Note
 from flightstack.swarm.peers import PeerFacts
 from flightstack.swarm.swarm_table import SwarmTable
-from flightstack.swarm.topics import EVENT, OUTCOME, READINGS, STATE, TABLE
-from flightstack.swarm.wire import NO_TABLE, CommandOutcome, DroneState, Event, Phase
+from flightstack.swarm.topics import EVENT, ORDER, OUTCOME, READINGS, STATE, TABLE
+from flightstack.swarm.wire import NO_ORDER, NO_TABLE, CommandOutcome, DroneState, Event, Phase
 from mission.strategies.contract import TreePlace
 
 
@@ -57,7 +58,8 @@ class Announcements:
         self._drone = drone
         self._frame_identity = frame_identity
         self._tick_s = tick_s
-        self._exchange = Exchange(tick_s)
+        self._tables = Exchange(tick_s)
+        self._orders = OrderExchange(tick_s)
         self._states = 0
         self._events = 0
         self._state_s: float | None = None
@@ -72,16 +74,19 @@ class Announcements:
         table: SwarmTable,
         peers: Mapping[int, PeerFacts],
     ) -> Announced:
-        """What is told in this tick: events and answers at once, state, table and readings when they are due. A drone
-        that has not been started yet has no table to tell."""
+        """What is told in this tick: events and answers at once, the rest when it is due. A drone that has not been
+        started yet has no table to tell."""
         events = self._numbered(notes)
         messages = [(EVENT.name, EVENT.codec.encode(event)) for event in events]
         messages += [(OUTCOME.name, OUTCOME.codec.encode(outcome)) for outcome in outcomes]
         digest = table.digest if table.survey is not None else NO_TABLE
         if self._is_state_due(now_s):
-            messages.append((STATE.name, STATE.codec.encode(self._state(own, digest))))
-        if digest != NO_TABLE and self._exchange.is_due(now_s, digest, peers, table.slots):
+            messages.append((STATE.name, STATE.codec.encode(self._state(own, digest, table.order_digest))))
+        if digest != NO_TABLE and self._tables.is_due(now_s, digest, peers, table.slots):
             messages.append((TABLE.name, TABLE.codec.encode(table.message())))
+        ordered = table.order_digest
+        if ordered != NO_ORDER and self._orders.is_due(now_s, ordered, peers):
+            messages.append((ORDER.name, ORDER.codec.encode(table.order_message())))
         readings = table.readings_message(now_s, self._tick_s)
         if readings is not None:
             messages.append((READINGS.name, READINGS.codec.encode(readings)))
@@ -103,7 +108,7 @@ class Announcements:
             for number, note in enumerate(notes, first)
         )
 
-    def _state(self, own: OwnFacts, digest: int) -> DroneState:
+    def _state(self, own: OwnFacts, digest: int, order_digest: int) -> DroneState:
         self._states += 1
         vehicle, sensed, place = own.vehicle, own.sensed, own.place
         waiting = vehicle.ready_reason if not vehicle.armed else ""
@@ -145,4 +150,5 @@ class Announcements:
             own.astray,
             own.storage,
             digest,
+            order_digest,
         )

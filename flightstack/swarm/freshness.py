@@ -17,12 +17,13 @@ from flightstack.swarm.wire import (
     DroneState,
     Event,
     GroundBeat,
+    OrderState,
     ReadingsState,
     TableState,
     Traffic,
 )
 
-Counted = DroneState | TableState | ReadingsState | Command | Event | Traffic | GroundBeat
+Counted = DroneState | TableState | OrderState | ReadingsState | Command | Event | Traffic | GroundBeat
 """The messages that have a number."""
 
 _WINDOWS: Final = {Delivery.BEST_EFFORT: 64, Delivery.RELIABLE: 1024}

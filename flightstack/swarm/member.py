@@ -24,6 +24,7 @@ from flightstack.swarm.wire import (
     Command,
     CommandOutcome,
     DroneState,
+    OrderState,
     Phase,
     ReadingsState,
     Severity,
@@ -119,7 +120,7 @@ class SwarmMember:
             self._awake_s = now_s
         self._stepped_s = now_s
         commands: list[Command] = []
-        told: list[TableState | ReadingsState] = []
+        told: list[TableState | OrderState | ReadingsState] = []
         refused: list[Note] = []
         for item in received:
             message = self._admission.admit(item)
@@ -129,7 +130,7 @@ class SwarmMember:
                         refused.append(Note(Severity.WARNING, "peer", message.text))
                     if message.kind is RefusalKind.TWIN and isinstance(message.message, DroneState):
                         self._twin, self._twin_s = message.message, now_s
-                case TableState() | ReadingsState():
+                case TableState() | OrderState() | ReadingsState():
                     if self._peers.speaks(message.sender, message.incarnation):
                         told.append(message)
                         self._peers.hear(now_s, message)

@@ -80,5 +80,7 @@ def tree_notes(news: TreeNews, slots: Mapping[int, int]) -> list[Note]:
     if news.order is not None and news.order.stage is Stage.FOUND and news.order.source_ned_m:
         n, e, d = news.order.source_ned_m
         text = f"source at {n:.1f} m north, {e:.1f} m east, {-d:.1f} m up"
+        if news.order.source_sd_m is not None:
+            text += f", known to {news.order.source_sd_m:.1f} m (standard deviation)"
         notes.append(Note(Severity.INFO, "found", text))
     return notes

@@ -16,10 +16,12 @@ from flightstack.swarm.admission import Message
 from flightstack.swarm.incarnations import Incarnations
 from flightstack.swarm.parting import Part, is_adrift, part_of
 from flightstack.swarm.wire import (
+    NO_ORDER,
     NO_TABLE,
     TAKING_PART,
     DroneState,
     GroundBeat,
+    OrderState,
     Phase,
     TableState,
     Traffic,
@@ -55,6 +57,8 @@ class PeerFacts(msgspec.Struct, frozen=True):
     """Of the agent that speaks for it: another one has been started anew."""
     table_digest: int = NO_TABLE
     """Of its table of the swarm, when it told its newest state; who stands on the ground needs none."""
+    order_digest: int = NO_ORDER
+    """Of the order that counts for it, when it told its newest state."""
 
 
 class Peer(msgspec.Struct):
@@ -84,10 +88,14 @@ class Peers:
             case DroneState():
                 self._hear_state(now_s, message)
             case TableState():
-                peer = self.peers.get(message.sender)
-                known = peer is not None and peer.facts.table_digest != NO_TABLE
-                if peer is not None and known and message.incarnation == peer.facts.incarnation:
+                peer = self._knowing(message)
+                if peer is not None and peer.facts.table_digest != message.digest:
                     peer.facts = msgspec.structs.replace(peer.facts, table_digest=message.digest)
+                    self._facts[message.sender] = peer.facts
+            case OrderState():
+                peer = self._knowing(message)
+                if peer is not None and peer.facts.order_digest != message.digest:
+                    peer.facts = msgspec.structs.replace(peer.facts, order_digest=message.digest)
                     self._facts[message.sender] = peer.facts
             case Traffic():
                 for vehicle in message.vehicles:
@@ -153,6 +161,13 @@ class Peers:
                 )
         return tuple(found[drone] for drone in sorted(found))
 
+    def _knowing(self, message: TableState | OrderState) -> Peer | None:
+        """The peer that tells what it knows of a survey, if it is one whose knowledge matters."""
+        peer = self.peers.get(message.sender)
+        if peer is None or peer.facts.table_digest == NO_TABLE:
+            return None
+        return peer if message.incarnation == peer.facts.incarnation else None
+
     def _hear_state(self, now_s: float, state: DroneState) -> None:
         if not self._incarnations.setdefault(state.sender, Incarnations()).hear(now_s, state):
             return
@@ -163,6 +178,7 @@ class Peers:
             state.position_ned_m,
             state.incarnation,
             state.table_digest if state.airborne or state.phase in TAKING_PART else NO_TABLE,
+            state.order_digest,
         )
         self._facts[state.sender] = facts
         before = self.peers.get(state.sender)

@@ -12,7 +12,7 @@ from typing import Final
 import msgspec
 
 from flightstack.swarm.peers import PeerFacts
-from flightstack.swarm.wire import TableState
+from flightstack.swarm.wire import NO_ORDER, OrderState, TableState
 from mission.strategies.contract import Order
 
 STEADY_S: Final = 1.0
@@ -26,6 +26,10 @@ class _Flown(msgspec.Struct):
     """What a peer tells that takes part in a survey."""
 
     told: TableState
+    order: OrderState | None
+    """The newest heard of this survey; None if none was."""
+    has_order: bool
+    """It says that it knows of one."""
     since_s: float
     """When the peer was first heard to take part in this survey."""
     heard_s: float
@@ -37,7 +41,13 @@ class SurveyChoice:
     def __init__(self) -> None:
         self._flown: dict[int, _Flown] = {}
 
-    def hear(self, now_s: float, heard: Iterable[TableState], peers: Mapping[int, PeerFacts]) -> None:
+    def hear(
+        self,
+        now_s: float,
+        heard: Iterable[TableState],
+        orders: Iterable[OrderState],
+        peers: Mapping[int, PeerFacts],
+    ) -> None:
         for told in heard:
             peer = peers.get(told.sender)
             before = self._flown.pop(told.sender, None)
@@ -45,7 +55,13 @@ class SurveyChoice:
                 continue
             again = before is not None and before.told.survey == told.survey
             since_s = before.since_s if before is not None and again else now_s
-            self._flown[told.sender] = _Flown(told, since_s, now_s)
+            order = before.order if before is not None and again else None
+            has_order = peer.order_digest != NO_ORDER
+            self._flown[told.sender] = _Flown(told, order, has_order, since_s, now_s)
+        for said in orders:
+            known = self._flown.get(said.sender)
+            if known is not None and known.told.survey == said.survey:
+                known.order = said
         for drone, flown in tuple(self._flown.items()):
             if now_s - flown.heard_s >= FORGOTTEN_S:
                 del self._flown[drone]
@@ -54,17 +70,23 @@ class SurveyChoice:
         """Whether somebody flies another survey than this."""
         return any(flown.told.survey != survey for flown in self._flown.values())
 
-    def foremost(self, survey: str, epoch: int, order: Order | None) -> TableState | None:
-        """What is told of the survey that has come further than this drone's own, `survey`; None if none has."""
-        best: TableState | None = None
+    def foremost(
+        self, survey: str, epoch: int, order: Order | None
+    ) -> tuple[TableState, OrderState | None] | None:
+        """What is told of the survey that has come further than this drone's own, `survey`; None if none has. A table
+        whose order has not been heard yet does not count."""
+        best: tuple[TableState, OrderState | None] | None = None
         best_rank = _rank(survey, epoch, order)
         for flown in self._flown.values():
             told = flown.told
             if told.survey == survey or flown.heard_s - flown.since_s < STEADY_S:
                 continue
-            rank = _rank(told.survey, sum(register.version for _, register in told.slots), told.order)
+            if flown.has_order and flown.order is None:
+                continue
+            ordered = flown.order.order if flown.order is not None else None
+            rank = _rank(told.survey, told.epoch, ordered)
             if rank < best_rank:
-                best, best_rank = told, rank
+                best, best_rank = (told, flown.order), rank
         return best
 
 

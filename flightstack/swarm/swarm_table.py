@@ -7,8 +7,8 @@ messages do no harm, and knowledge travels as many hops as it must. Nobody decid
   nobody until it has stood unrefuted.
 * Which slot whose is, each drone claims for itself (`mission.tree.slot_registers`): an heir at once, the others only
   in a table that has not changed for a while, because they may not have heard everything yet.
-* The root orders (`orders`), and readings come up to it (`reading_relay`). The root whose table has changed orders
-  anew, so that the formation goes on from where it stopped.
+* The root orders (`orders`), and readings come up to it (`reading_relay`); both are told apart from the table. The
+  root whose table has changed orders anew, so that the formation goes on from where it stopped.
 * While the table changes or somebody flies to a new slot the swarm holds (`table_calm`).
 * Where the others fly another survey, `survey_choice` says which one to join.
 """
@@ -28,7 +28,7 @@ from flightstack.swarm.peers import PeerFacts
 from flightstack.swarm.reading_relay import ReadingRelay
 from flightstack.swarm.survey_choice import SurveyChoice
 from flightstack.swarm.table_calm import TableCalm
-from flightstack.swarm.wire import ReadingsState, TableState
+from flightstack.swarm.wire import NO_ORDER, OrderState, ReadingsState, TableState
 from mission.estimation.estimates import Reading
 from mission.geometry.formation import Layout
 from mission.geometry.frames import Vector3
@@ -77,6 +77,7 @@ class SwarmTable:
         self._incarnation = incarnation
         self._suspect_after_s = suspect_after_s
         self._told = 0
+        self._orders_told = 0
         self._readings_told = 0
         self._surveys = SurveyChoice()
         self.survey: str | None = None
@@ -109,8 +110,10 @@ class SwarmTable:
         self._looked_at: tuple[Registers, frozenset[int]] | None = None
         self._watched_in: tuple[Mapping[int, int], frozenset[int]] | None = None
         self._watched: frozenset[int] = frozenset()
-        self._digested: tuple[Registers, int, Order | None, SlotRegister | None] | None = None
+        self._digested: tuple[Registers, int] | None = None
         self._digest = 0
+        self._digested_order: tuple[Order | None, SlotRegister | None] | None = None
+        self._order_digest = NO_ORDER
         self._look(now_s)
         self._calm = TableCalm()
         self._settled_slots = self._slots_before = self.slots
@@ -147,13 +150,24 @@ class SwarmTable:
     @property
     def digest(self) -> int:
         """32 bits that differ where two drones would tell another table."""
-        orders = self._orders
-        known = (self.registers, self._membership.digest, orders.order, orders.ordered_by)
-        if self._digested is None or any(a is not b for a, b in zip(known, self._digested, strict=True)):
-            self._digested = known
-            rest = msgspec.msgpack.encode((self.survey, *known[1:]))
-            self._digest = zlib.crc32(rest, digest(self.registers))
+        registers, members = self.registers, self._membership.digest
+        if self._digested is None or self._digested[0] is not registers or self._digested[1] != members:
+            self._digested = registers, members
+            rest = msgspec.msgpack.encode((self.survey, members))
+            self._digest = zlib.crc32(rest, digest(registers))
         return self._digest
+
+    @property
+    def order_digest(self) -> int:
+        """The same of the order; `NO_ORDER` where none is known."""
+        orders = self._orders
+        order, ordered_by = orders.order, orders.ordered_by
+        known = self._digested_order
+        if known is None or known[0] is not order or known[1] is not ordered_by:
+            self._digested_order = order, ordered_by
+            told = msgspec.msgpack.encode((self.survey, order, ordered_by))
+            self._order_digest = NO_ORDER if order is None else zlib.crc32(told) or 1
+        return self._order_digest
 
     @property
     def member(self) -> bool:
@@ -177,26 +191,32 @@ class SwarmTable:
     def step(
         self,
         now_s: float,
-        heard: Iterable[TableState | ReadingsState],
+        heard: Iterable[TableState | OrderState | ReadingsState],
         peers: Mapping[int, PeerFacts],
         decision: Decision | None,
         own_position_ned_m: Vector3 | None,
     ) -> TreeNews:
         """Merge what came, adopt this drone's own decision of the tick before, look for losses, claim."""
         tables: list[TableState] = []
+        orders: list[OrderState] = []
         readings: list[ReadingsState] = []
         for told in heard:
-            if isinstance(told, TableState):
-                tables.append(told)
-            else:
-                readings.append(told)
-        self._surveys.hear(now_s, tables, peers)
+            match told:
+                case TableState():
+                    tables.append(told)
+                case OrderState():
+                    orders.append(told)
+                case ReadingsState():
+                    readings.append(told)
+        self._surveys.hear(now_s, tables, orders, peers)
         if self.survey is None:
             return TreeNews()
         joined = self._join_the_foremost(now_s)
         slot, order, heals = self.slots.get(self._drone), self.order, self.heals
         for table in tables:
             self._merge(table)
+        for ordered in orders:
+            self._hear_order(ordered)
         lost: tuple[int, ...] = ()
         if not self.is_over:
             self._look_whom_to_watch()
@@ -252,10 +272,25 @@ class SwarmTable:
             tuple(sorted(self.registers.items())),
             tuple(sorted(self._membership.registers.items())),
             tuple(sorted(set(self._members) - self._membership.present)),
-            self.order,
-            self._orders.ordered_by,
             self.heals,
             self.digest,
+        )
+
+    def order_message(self) -> OrderState:
+        """The order that counts. `ValueError` where none is known."""
+        order, ordered_by = self._orders.order, self._orders.ordered_by
+        if order is None or ordered_by is None:
+            raise ValueError("no order is known")
+        self._orders_told += 1
+        return OrderState(
+            self._drone,
+            self._incarnation,
+            self._orders_told,
+            self._frame_identity,
+            self.survey or "",
+            order,
+            ordered_by,
+            self.order_digest,
         )
 
     def readings_message(self, now_s: float, tick_s: float) -> ReadingsState | None:
@@ -287,12 +322,15 @@ class SwarmTable:
         """Take part in the survey that has come further than this drone's own: in the slot that it has there, or, if
         it was counted out, in whatever slot it gets once it says `rejoin`."""
         own = self.survey or ""
-        told = self._surveys.foremost(own, self.epoch, self.order) if self._surveys.differ(own) else None
-        if told is None:
+        foremost = self._surveys.foremost(own, self.epoch, self.order) if self._surveys.differ(own) else None
+        if foremost is None:
             return False
+        told, ordered = foremost
         self.begin(now_s, told.survey, self._start_ned_m, takes_part=self._drone not in told.absent)
         self._orders = Orders()
         self._merge(told)
+        if ordered is not None:
+            self._hear_order(ordered)
         return True
 
     # -- merging ----------------------------------------------------------------------------------------------
@@ -308,7 +346,9 @@ class SwarmTable:
         slots = {s: register for s, register in told.slots if ours.get(s) != register and 0 <= s < size}
         if slots:
             self.registers = merge(ours, within_stride(ours, slots))
-        if told.order is not None and told.ordered_by is not None:
+
+    def _hear_order(self, told: OrderState) -> None:
+        if told.survey == self.survey:
             self._orders.offer(told.order, told.ordered_by, self._root_claim)
 
     # -- members and slots ------------------------------------------------------------------------------------

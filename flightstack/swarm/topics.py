@@ -14,6 +14,7 @@ from flightstack.swarm.wire import (
     Event,
     GroundBeat,
     GroundReport,
+    OrderState,
     ReadingsState,
     TableState,
     Traffic,
@@ -53,6 +54,8 @@ class Received(NamedTuple):
 STATE = Topic("state", Codec(DroneState), 5.0, 2.0, Delivery.BEST_EFFORT)
 TABLE = Topic("table", Codec(TableState), 0.2, 30.0, Delivery.BEST_EFFORT)
 """At least at its rate; five times a second while tables differ (`flightstack.swarm.exchange`)."""
+ORDER = Topic("order", Codec(OrderState), 0.2, 30.0, Delivery.BEST_EFFORT)
+"""As the table, while orders differ."""
 READINGS = Topic("readings", Codec(ReadingsState), 5.0, 2.0, Delivery.BEST_EFFORT)
 """At its rate while readings come up, else never (`flightstack.swarm.reading_relay`)."""
 COMMAND = Topic("command", Codec(Command), None, None, Delivery.RELIABLE)
@@ -63,7 +66,7 @@ GROUND = Topic("ground", Codec(GroundBeat), 1.0, 5.0, Delivery.BEST_EFFORT)
 REPORT = Topic("report", Codec(GroundReport), 1.0, 5.0, Delivery.BEST_EFFORT)
 
 TOPICS: dict[str, Topic] = {
-    t.name: t for t in (STATE, TABLE, READINGS, COMMAND, OUTCOME, EVENT, TRAFFIC, GROUND, REPORT)
+    t.name: t for t in (STATE, TABLE, ORDER, READINGS, COMMAND, OUTCOME, EVENT, TRAFFIC, GROUND, REPORT)
 }
 
-RECEIVED_BY_DRONES = (STATE, TABLE, READINGS, COMMAND, TRAFFIC, GROUND)
+RECEIVED_BY_DRONES = (STATE, TABLE, ORDER, READINGS, COMMAND, TRAFFIC, GROUND)

@@ -21,7 +21,7 @@ from mission.strategies.contract import Order
 from mission.tree.balanced_tree import NOBODY
 from mission.tree.slot_registers import SlotRegister, assignment
 
-VERSION = 5
+VERSION = 6
 
 
 class WireError(ValueError):
@@ -60,6 +60,9 @@ TAKING_PART = frozenset(
 
 NO_TABLE = 0
 """The digest of a drone that knows of no survey."""
+
+NO_ORDER = 0
+"""The digest of a drone that knows of no order."""
 
 
 class DroneState(msgspec.Struct, frozen=True, array_like=True, tag="state"):
@@ -107,6 +110,8 @@ class DroneState(msgspec.Struct, frozen=True, array_like=True, tag="state"):
     """Why its flight is not recorded; empty when it is."""
     table_digest: int = NO_TABLE
     """Of what it would tell as `TableState`: two that differ tell each other their tables."""
+    order_digest: int = NO_ORDER
+    """Of what it would tell as `OrderState`: two that differ tell each other their orders."""
 
 
 NEVER = -1
@@ -123,7 +128,7 @@ class MemberRegister(msgspec.Struct, frozen=True, array_like=True):
 
 
 class TableState(msgspec.Struct, frozen=True, array_like=True, tag="table"):
-    """A drone's whole knowledge of the swarm: every part of it is merged by itself, whoever told it."""
+    """What a drone knows of the swarm's members and slots: each register is merged by itself, whoever told it."""
 
     sender: int
     incarnation: int
@@ -138,9 +143,6 @@ class TableState(msgspec.Struct, frozen=True, array_like=True, tag="table"):
     """(drone, its register) of those about whom there ever was a doubt, ascending."""
     absent: tuple[int, ...]
     """Members that the sender counts as lost or gone, ascending: for displays, each drone counts by itself."""
-    order: Order | None
-    ordered_by: SlotRegister | None
-    """The claim to the root's slot by which `order` was given."""
     heals: int = 0
     """How often the sender has seen the table whole again after somebody was lost or moved."""
     digest: int = 0
@@ -156,6 +158,23 @@ class TableState(msgspec.Struct, frozen=True, array_like=True, tag="table"):
     def epoch(self) -> int:
         """How often slots were claimed or vacated, as far as the sender knows."""
         return sum(register.version for _, register in self.slots)
+
+
+class OrderState(msgspec.Struct, frozen=True, array_like=True, tag="order"):
+    """The order that counts for its sender, whoever gave it (`flightstack.swarm.orders`)."""
+
+    sender: int
+    incarnation: int
+    sequence: int
+    """Counts the sender's messages of this kind since its start, from 1."""
+    frame: int
+    survey: str
+    """Identity of the command that started the survey; an order of another survey does not count."""
+    order: Order
+    ordered_by: SlotRegister
+    """The claim to the root's slot by which `order` was given."""
+    digest: int = NO_ORDER
+    """As `DroneState.order_digest`."""
 
 
 class ReadingsState(msgspec.Struct, frozen=True, array_like=True, tag="readings"):

@@ -23,7 +23,7 @@ class HeardAgent:
         self.table_s: float | None = None
         self.incarnations = Incarnations()
         self.flown = False
-        """The agent had its vehicle in the air and the vehicle has not been seen disarmed since."""
+        """The agent had its vehicle in the air, or sent it there, and it has not been seen disarmed since."""
         self.last_flying_s: float | None = None
         """When the agent last said so, and in which phase."""
         self.last_flying_phase: Phase | None = None
@@ -41,7 +41,7 @@ class HeardAgent:
         if before is None or state.incarnation != before.incarnation:
             self._ticks.clear()
         self.state, self.state_s = state, now_s
-        if state.airborne and state.phase in FLYING_PHASES:
+        if state.phase in FLYING_PHASES and (state.airborne or state.phase is Phase.TAKEOFF):
             self.flown, self.last_flying_s, self.last_flying_phase = True, now_s, state.phase
             self._flying_incarnation = state.incarnation
         elif not state.armed and state.position_ned_m is not None:

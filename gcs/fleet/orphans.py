@@ -11,8 +11,11 @@ What it must not do is end a healthy survey, or fight a person:
   own ways into other modes are not a pilot's: HOLD at the end of its take-off, and what COM_OBL_RC_ACT says when the
   setpoints stop. That is a pilot's mode as PX4 comes, in which it sinks to the ground where it is if nobody is there.
 * A companion heard over MAVLink, or surveying agents that still count the drone in, tell that the agent lives
-  and only our own radio is bad. (Drones on their way home no longer keep the table, so they do not testify.)
+  and only our own radio is bad. (Drones on their way home no longer keep the table, so they do not testify.) An agent
+  that is heard, and says that it does not fly its vehicle, is believed.
 * When all agents fall silent at once our own radio is the likelier cause: a longer grace.
+
+Autopilots on their way home make way for nobody. So where two might meet on it, one waits for the other.
 """
 
 from __future__ import annotations
@@ -30,6 +33,7 @@ from flightstack.swarm.wire import Phase, Severity
 from gcs.fleet.vehicles import Component
 from gcs.fleet.view import FleetView
 from gcs.station_config import OrphanConfig
+from mission.geometry.ways_home import WayHome, in_the_way
 
 FAST_REPEATS = 4
 FAST_REPEAT_S = 0.5
@@ -87,6 +91,8 @@ class _Case(msgspec.Struct):
     sent_s: float | None = None
     excused: str = ""
     """Why nothing is done for now; said once."""
+    due_s: float | None = None
+    """Since when there has been no excuse."""
 
 
 class OrphanKeeper:
@@ -96,6 +102,8 @@ class OrphanKeeper:
         self._config = config
         self._cases: dict[int, _Case] = {}
         self._actions: list[Action] = []
+        self._held: dict[int, int] = {}
+        """In this tick: who has to wait, and for whom."""
 
     def command(self, now_s: float, drone: int, duty: Duty) -> None:
         """The operator wants this vehicle in the mode for `duty`, whatever it does now."""
@@ -107,6 +115,7 @@ class OrphanKeeper:
 
     def step(self, now_s: float, fleet: FleetView) -> list[ModeChange]:
         requests = []
+        self._held = self._in_the_way(now_s, fleet)
         for drone in filter(fleet.is_member, fleet.drones(now_s)):
             vehicle = fleet.vehicle(drone)
             case = self._cases.get(drone)
@@ -179,7 +188,44 @@ class OrphanKeeper:
                     self._say(drone, Severity.WARNING, f"agent silent, but {excuse}: left alone")
                     case.excused = excuse
                 return None
+            if case.step is Step.WAITING and self._waits(now_s, drone, case):
+                return None
         return self._ask(now_s, drone, vehicle, case)
+
+    def _waits(self, now_s: float, drone: int, case: _Case) -> bool:
+        """Whether another has to come down, or to go, first. Whose turn it is, is seen in the tick after."""
+        if case.duty is not Duty.RETURN:
+            return False
+        if case.due_s is None:
+            case.due_s = now_s
+            return True
+        first = self._held.get(drone)
+        if first is None or now_s - case.due_s > self._config.longest_wait_s:
+            return False
+        excuse = f"waits for drone {first}"
+        if excuse != case.excused:
+            text = f"agent silent: brought home after drone {first}, which is in its way"
+            self._say(drone, Severity.WARNING, text)
+            case.excused = excuse
+        return True
+
+    def _in_the_way(self, now_s: float, fleet: FleetView) -> dict[int, int]:
+        """Who is to be brought home, and has to wait for whom."""
+        waiting: dict[int, WayHome] = {}
+        on_their_way: dict[int, WayHome] = {}
+        for drone in filter(fleet.is_member, fleet.drones(now_s)):
+            vehicle, case = fleet.vehicle(drone), self._cases.get(drone)
+            if vehicle is None or vehicle.crash or not vehicle.armed or not vehicle.airborne(now_s):
+                continue
+            way = _way_home(fleet, drone, vehicle)
+            if way is None:
+                continue
+            if vehicle.in_mode(Duty.RETURN) or (case is not None and case.step is Step.ASKING):
+                on_their_way[drone] = way
+            elif case is not None and not (case.excused and case.due_s is None):
+                waiting[drone] = way
+        later = {drone for drone in waiting if self._cases[drone].due_s is None}
+        return in_the_way(waiting, on_their_way, self._config.apart_m, later=later)
 
     def _excuse(
         self, now_s: float, fleet: FleetView, drone: int, vehicle: Component, case: _Case
@@ -196,7 +242,8 @@ class OrphanKeeper:
         silence_s = now_s - case.since_s
         if silence_s < self._config.grace_s:
             return ""
-        if fleet.vehicles.companion_age_s(drone, now_s) <= HEARTBEAT_LOST_S:
+        heard = fleet.agent_live(drone, now_s)
+        if not heard and fleet.vehicles.companion_age_s(drone, now_s) <= HEARTBEAT_LOST_S:
             return "its companion is heard over MAVLink"
         if phase in SURVEYING and _counted_in(now_s, fleet, drone):
             return "other drones still count it in"
@@ -240,6 +287,17 @@ class OrphanKeeper:
 
     def _say(self, drone: int, severity: Severity, text: str) -> None:
         self._actions.append(Action(drone, severity, text))
+
+
+def _way_home(fleet: FleetView, drone: int, vehicle: Component) -> WayHome | None:
+    """As far as its place and its home are known."""
+    agent = fleet.agents.get(drone)
+    home_ned_m = vehicle.home_ned_m
+    if home_ned_m is None and agent is not None and agent.state is not None and fleet.frame_matches(drone):
+        home_ned_m = agent.state.home_ned_m
+    if vehicle.position_ned_m is None or home_ned_m is None:
+        return None
+    return WayHome(vehicle.position_ned_m, home_ned_m)
 
 
 def _last_flying_phase(fleet: FleetView, drone: int) -> Phase | None:

@@ -49,6 +49,9 @@ class Order(msgspec.Struct, frozen=True, array_like=True):
     apart: bool = False
     """The drones do not stand in their slots about the anchor (each alone, in groups, seated otherwise): a heal gives
     slots without flying anybody to them, and leaves the anchor where it is."""
+    source_sd_m: float | None = None
+    """Standard deviation of the source's place, along the horizontal axis on which it is known worst; None where the
+    strategy does not say."""
 
 
 class OwnState(msgspec.Struct, frozen=True):

@@ -23,7 +23,9 @@ class StrategyEntry(msgspec.Struct, frozen=True, kw_only=True):
     make: MakeStrategy
     """Usually its class."""
     parameters: type[msgspec.Struct]
-    """What a configuration file may set."""
+    """What a configuration file, or the cell of a trial, may set."""
+    in_flight: type[msgspec.Struct] | None = None
+    """The same and more, where a flight has parameters that trials have not; None: there are none."""
     rules: tuple[Callable[..., Any], ...] = ()
     """The plain functions of numbers that decide: called as they are in flight, compiled in trials."""
     note: type[msgspec.Struct] | None = None

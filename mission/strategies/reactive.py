@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from mission.geometry.formation import FloatArray, Layout
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Decision, Hold, Neighbour, Observation, OwnState, Velocity
+from mission.strategies.declaration import Declaration, DeclarationParameters
 from mission.strategies.entry import StrategyEntry
 from mission.strategies.tick_rule import WORD, OwnSenses, TickRule, numbers
 
@@ -35,12 +37,21 @@ class RuleWord(msgspec.Struct, frozen=True, array_like=True):
 
 
 class ReactiveStrategy:
-    """One drone that flies by a rule. It gives no orders and no readings; the survey's end ends its search."""
+    """One drone that flies by a rule. As root it orders no more than the survey's stages: to search, that somebody
+    has contact, and the end (`mission.strategies.declaration`)."""
 
-    def __init__(self, name: str, rule: TickRule, parameters: msgspec.Struct) -> None:
+    def __init__(
+        self,
+        name: str,
+        rule: TickRule,
+        parameters: msgspec.Struct,
+        declaration: DeclarationParameters | None = None,
+    ) -> None:
+        """`parameters` are the rule's."""
         self._name = name
         self._rule = rule
         self._parameters = numbers(parameters)
+        self._declaration = Declaration(declaration or DeclarationParameters())
         self._state = np.zeros(rule.state_size)
         self._word = np.zeros(rule.word_size)
         self._start: Vector3 | None = None
@@ -52,7 +63,8 @@ class ReactiveStrategy:
             if order is None:
                 return Decision(Hold())
             self._start = order.anchor_ned_m
-        own = self._senses(observation, self._start, float(rng.random()))
+        draw = float(rng.random())
+        own = self._senses(observation, self._start, draw)
         self._before_s = observation.elapsed_s
         neighbours = self._neighbours(observation)
         north_mps, east_mps = self._rule.rule(
@@ -68,7 +80,11 @@ class ReactiveStrategy:
         climb = _CLIMB_PER_S * (self._start[2] - observation.own.position_ned_m[2])
         down_mps = min(max(climb, -_CLIMB_MPS), _CLIMB_MPS)
         word = _pack(self._name, self._word) if self._rule.word_size else b""
-        return Decision(Velocity((float(north_mps), float(east_mps), down_mps)), word=word)
+        velocity = Velocity((float(north_mps), float(east_mps), down_mps))
+        if order is None:
+            return Decision(velocity, word=word)
+        reading, ordered = self._declaration.step(observation, order, self._start, draw)
+        return Decision(velocity, reading, ordered, word)
 
     def _senses(self, observation: Observation, start: Vector3, draw: float) -> OwnSenses:
         own = observation.own
@@ -105,15 +121,69 @@ class ReactiveStrategy:
 
 
 def reactive_strategy(name: str, rule: TickRule) -> StrategyEntry:
-    """The registry's entry of a strategy that is nothing but a rule: it flies, and it runs in trials."""
+    """The registry's entry of a strategy that is nothing but a rule: it flies, and it runs in trials.
 
-    def make(layout: Layout, parameters: msgspec.Struct) -> ReactiveStrategy:
+    In flight it has the parameters of `DeclarationParameters` beside the rule's. `TypeError` where both have one of
+    the same name.
+    """
+    in_flight = _with_declaration(name, rule.parameters)
+
+    def make(layout: Layout, given: msgspec.Struct) -> ReactiveStrategy:
         del layout  # a reactive swarm holds no formation once it has formed up
-        return ReactiveStrategy(name, rule, parameters)
+        own, declaration = _only(rule.parameters, given), _only(DeclarationParameters, given)
+        return ReactiveStrategy(name, rule, own, declaration)
 
     return StrategyEntry(
-        name=name, make=make, parameters=rule.parameters, rules=(rule.rule,), word=RuleWord, ticks=rule
+        name=name,
+        make=make,
+        parameters=rule.parameters,
+        in_flight=in_flight,
+        rules=(rule.rule,),
+        word=RuleWord,
+        ticks=rule,
     )
+
+
+def _with_declaration(name: str, own: type[msgspec.Struct]) -> type[msgspec.Struct]:
+    """A struct with the fields of a rule's parameters and then those of the declaration."""
+    twice = set(own.__struct_fields__) & set(DeclarationParameters.__struct_fields__)
+    if twice:
+        raise TypeError(
+            f"strategy {name}: its rule has a parameter {', '.join(sorted(twice))}, which every reactive strategy "
+            "has already: call it otherwise"
+        )
+    usual = {**_defaults(own()), **_defaults(DeclarationParameters())}
+    fields = [
+        (field.name, field.type, usual[field.name])
+        for kind in (own, DeclarationParameters)
+        for field in msgspec.structs.fields(kind)
+    ]
+
+    def check_both(given: msgspec.Struct) -> None:
+        _only(own, given)
+        _only(DeclarationParameters, given)
+
+    return msgspec.defstruct(
+        f"{own.__name__}InFlight",
+        fields,
+        frozen=True,
+        kw_only=True,
+        forbid_unknown_fields=True,
+        namespace={"__post_init__": check_both},
+    )
+
+
+def _defaults(parameters: msgspec.Struct) -> dict[str, Any]:
+    return {name: getattr(parameters, name) for name in parameters.__struct_fields__}
+
+
+S = TypeVar("S", bound=msgspec.Struct)
+
+
+def _only(kind: type[S], given: msgspec.Struct) -> S:
+    """The part of the parameters that is `kind`'s; what is missing is as usual."""
+    names = set(kind.__struct_fields__) & set(given.__struct_fields__)
+    return kind(**{name: getattr(given, name) for name in names})
 
 
 def beam_ranges(ranges_m: Sequence[tuple[float, float]], beams: int) -> FloatArray:

@@ -13,15 +13,31 @@ from typing import Any
 import msgspec
 
 from mission.geometry.formation import Layout
-from mission.strategies import mobs, mobs_authors
+from mission.strategies import mobs, mobs_authors, virtual_forces
 from mission.strategies.contract import Strategy
 from mission.strategies.entry import StrategyEntry
+from mission.strategies.lattice import lattice
 from mission.strategies.locus import hybrid, multi
 from mission.strategies.locus import strategy as locus
+from mission.strategies.tracing import anemotaxis, casting, chemotaxis, fluxotaxis
 
 GROUP = "flightstack.strategies"
 BUILT_IN: dict[str, StrategyEntry] = {
-    entry.name: entry for entry in (locus.ENTRY, mobs.ENTRY, hybrid.ENTRY, multi.ENTRY, mobs_authors.ENTRY)
+    entry.name: entry
+    for entry in (
+        locus.ENTRY,
+        mobs.ENTRY,
+        hybrid.ENTRY,
+        multi.ENTRY,
+        mobs_authors.ENTRY,
+        casting.ENTRY,
+        chemotaxis.ENTRY,
+        anemotaxis.ENTRY,
+        fluxotaxis.ENTRY,
+        virtual_forces.ENTRY,
+        virtual_forces.UPWIND_ENTRY,
+        *lattice.ENTRIES,
+    )
 }
 
 
@@ -67,20 +83,25 @@ def forget_packages() -> None:
 def make(name: str, *, layout: Layout, **parameters: Any) -> Strategy:
     """A new strategy object for one drone and one survey. `ValueError` says in one line what is wrong."""
     entry = find(name)
-    return entry.make(layout, checked(entry, parameters))
+    return entry.make(layout, _checked(entry.name, entry.in_flight or entry.parameters, parameters))
 
 
 def checked(entry: StrategyEntry, parameters: dict[str, Any]) -> msgspec.Struct:
     """`parameters` as the strategy's own struct. `ValueError` says in one line what is wrong."""
-    known = entry.parameters.__struct_fields__
+    return _checked(entry.name, entry.parameters, parameters)
+
+
+def _checked(name: str, kind: type[msgspec.Struct], parameters: dict[str, Any]) -> msgspec.Struct:
+    known = kind.__struct_fields__
     for key in parameters:
         if key not in known:
-            raise ValueError(f"strategy {entry.name} has no parameter {key!r}; it has {', '.join(known)}")
+            raise ValueError(f"strategy {name} has no parameter {key!r}; it has {', '.join(known)}")
     try:
-        return msgspec.convert(parameters, entry.parameters)
+        return msgspec.convert(parameters, kind)
     except msgspec.ValidationError as error:
         problem, _, where = str(error).partition(" - at `$.")
-        raise ValueError(f"strategy {entry.name}: {where.rstrip('`')}: {problem}") from error
+        field = f"{where.rstrip('`')}: " if where else ""  # what concerns several fields has no one place
+        raise ValueError(f"strategy {name}: {field}{problem}") from error
 
 
 def _package(point: importlib.metadata.EntryPoint) -> str:

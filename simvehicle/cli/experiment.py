@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import pathlib
 import sys
 from collections.abc import Iterator
@@ -29,6 +30,21 @@ from simvehicle.cli.trial_options import (
     words,
 )
 
+EXPERIMENTS = (
+    "locus-1",
+    "locus-2",
+    "locus-3",
+    "locus-4",
+    "fluxo-1",
+    "fluxo-2",
+    "fluxo-3",
+    "fluxo-4",
+    "forces-small",
+    "forces-large",
+    "tracing",
+)
+"""Of `simvehicle.experiments.papers`, which takes long to import."""
+
 
 class RowsName(StrEnum):
     PARQUET = "parquet"
@@ -36,14 +52,25 @@ class RowsName(StrEnum):
 
 
 def experiment(
-    name: Annotated[str, typer.Argument(help="locus-1, locus-2, locus-3 or locus-4.")],
+    name: Annotated[str, typer.Argument(help=f"One of {', '.join(EXPERIMENTS)}.")],
     sizes: Annotated[str, typer.Option(help="Swarm sizes: 5,10,20.")] = "",
     rates: Annotated[str, typer.Option(help="Failure rates of locus-3 and locus-4: 1e-5,1e-4.")] = "",
-    strategies: Annotated[str, typer.Option(help="Commas between. " + STRATEGY_HELP)] = "locus,mobs",
+    strategies: Annotated[
+        str, typer.Option(help="Commas between; default: the experiment's. " + STRATEGY_HELP)
+    ] = "",
     plumes: Annotated[
         str, typer.Option(help="Of smooth, perturbed, gaussian, gusty; instead of the experiment's.")
     ] = "",
-    trials: Annotated[int | None, typer.Option(help="Trials a cell (100; 20 with --quick).")] = None,
+    regimes: Annotated[
+        str, typer.Option(help="Of laminar, transitional, turbulent: the winds of traced plumes.")
+    ] = "",
+    worlds: Annotated[
+        int | None, typer.Option(help="How many traced plumes, each with its wind and obstacles.")
+    ] = None,
+    trials: Annotated[
+        int | None,
+        typer.Option(help="Trials a cell (locus: 100; 20 with --quick), or starts a traced plume."),
+    ] = None,
     motion: Motion = "paper",
     unhealed: Annotated[
         str, typer.Option(help="Without healing, who goes on after a loss: reached, nobody, or both.")
@@ -57,8 +84,12 @@ def experiment(
     r_max: RMax = 3.0,
     layout: Layout = "rings",
     seed: Seed = 1,
-    quick: Annotated[bool, typer.Option("--quick", help="A coarse look: fewer trials and rates.")] = False,
-    full: Annotated[bool, typer.Option("--full", help="All sizes 2..20, or 46 failure rates.")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="A coarse look: fewer trials, sizes, rates.")
+    ] = False,
+    full: Annotated[
+        bool, typer.Option("--full", help="The paper's size: all swarm sizes, rates, worlds.")
+    ] = False,
     jobs: Annotated[
         int | None, typer.Option(min=1, help="Processes; default: by the amount of work.")
     ] = None,
@@ -71,7 +102,7 @@ def experiment(
     rows: Annotated[RowsName, typer.Option(help="Kind of the file with one row a trial.")] = RowsName.PARQUET,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON row a cell on standard output.")] = False,
 ) -> None:
-    """Run one of the LoCUS paper's experiments, and say which of its claims hold.
+    """Run one of the papers' experiments, and say which of its claims hold.
 
     A run that was stopped goes on where it was when the same command is given again.
     """
@@ -101,13 +132,21 @@ def experiment(
             strategies=words(strategies),
             plumes=words(plumes),
             unhealed=words(unhealed) or ("reached",),
+            regimes=words(regimes),
+            worlds=worlds,
             quick=quick,
             full=full,
             trials=trials,
             base=base,
         )
         # Wrong options are told before anything is compiled.
-        tell_compiling(paper_of(name).define(name, options).cells)
+        paper = paper_of(name)
+        work = paper.define(name, options).work
+        tell_compiling(
+            *itertools.chain(
+                *map(paper.trials.kernels, {paper.trials.code(one): one for one in work}.values())
+            )
+        )
         with _progress(name) as progress:
             report = run_experiment(
                 name, options, seed=seed, out=out, jobs=jobs, scheduler=scheduler, progress=progress
@@ -117,7 +156,7 @@ def experiment(
             for summary in report.summaries:
                 typer.echo(json.dumps(summary))
         else:
-            _show(report.summaries, report.verdicts)
+            _show(paper.listing(report.summaries), report.verdicts)
         decided: list[Verdict] = [one for one in report.verdicts if one.verdict == "holds"]
         typer.echo(f"{len(decided)} of {len(report.verdicts)} claims hold; {page}", err=True)
 
@@ -148,30 +187,16 @@ def _progress(name: str) -> Iterator[Any]:
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
-def _show(summaries: list[dict[str, Any]], verdicts: list[Any]) -> None:
+def _show(listing: Any, verdicts: list[Any]) -> None:
     """Table and verdicts for a person."""
     from rich.console import Console
     from rich.table import Table
 
-    from simvehicle.experiments.table import percent
-
-    by_rate = any("failure_rate" in one for one in summaries)
-    table = Table(title="times in minutes, mean ± standard deviation")
-    for column in ("strategy", "drones", "plume", *(("healing", "rate") if by_rate else ())):
-        table.add_column(column)
-    for column in ("success", "contact", "max flux", "median", "longest"):
-        table.add_column(column, justify="right")
-
-    def minutes(one: dict[str, Any], *names: str) -> str:
-        values = [one[name] for name in names]
-        return " ± ".join("-" if value is None else f"{value / 60.0:.1f}" for value in values)
-
-    for one in summaries:
-        row = [one["strategy"], str(one["drones"]), one["plume"]]
-        row += ["on" if one["healing"] else "off", f"{one['failure_rate']:.0e}"] if by_rate else []
-        row += [percent(one, "success_rate"), minutes(one, "contact_s_mean", "contact_s_sd")]
-        row += [minutes(one, "source_s_mean", "source_s_sd"), minutes(one, "source_s_median")]
-        table.add_row(*row, minutes(one, "source_s_max"))
+    table = Table(title=listing.title)
+    for place, head in enumerate(listing.heads):
+        table.add_column(head, justify="left" if place < listing.left else "right")
+    for row in listing.rows:
+        table.add_row(*row)
     console = Console()
     console.print(table)
     for one in verdicts:

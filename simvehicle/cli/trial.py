@@ -104,9 +104,9 @@ def trial(
         problems = cell.problems()
         if problems:
             raise TrialsError(problems[0])
-        tell_compiling((cell,))
-        from simvehicle.trials.outcome import record_trial
+        from simvehicle.trials.outcome import kernel_of, record_trial
 
+        tell_compiling(kernel_of(cell))
         recorded = record_trial(cell, seed, index)
         files = _draw(recorded, cell, out, plot=plot, film=film.value if animate else None)
         if as_json:

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Annotated, Any
+from collections.abc import Callable, Iterator
+from typing import Annotated, Any
 
 import typer
-
-if TYPE_CHECKING:
-    from simvehicle.trials.cell import Cell
 
 STRATEGY_HELP = "Ours, or a reactive one of an installed package; an unknown name lists them all."
 
@@ -55,12 +52,11 @@ def numbers(text: str, kind: type, option: str) -> tuple[Any, ...]:
         raise TrialsError(f"{option} {text!r}: give numbers with commas between") from None
 
 
-def tell_compiling(cells: Sequence[Cell]) -> None:
+def tell_compiling(*kernels: Callable[..., Any]) -> None:
     """Say so before a first run, which is silent for long."""
     from simvehicle.compiled import needs_compiling
-    from simvehicle.trials.outcome import kernel_of
 
-    if any(needs_compiling(kernel_of(cell)) for cell in {cell.strategy: cell for cell in cells}.values()):
+    if any(map(needs_compiling, kernels)):
         typer.echo("compiling the trials for this machine (once a version, about half a minute) …", err=True)
 
 

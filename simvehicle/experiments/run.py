@@ -8,9 +8,8 @@ import pathlib
 
 import msgspec
 
-from simvehicle.experiments.experiment import ExperimentReport, Options
+from simvehicle.experiments.experiment import Experiment, ExperimentReport, Options, Paper
 from simvehicle.experiments.papers import paper_of
-from simvehicle.experiments.table import summarise
 from simvehicle.trials.batch import Progress, complete
 from simvehicle.trials.store import Run, Store
 
@@ -18,8 +17,9 @@ _ALONE = 2500
 """Runs of fewer trials than this are done before other processes have even started."""
 
 
-def usual_jobs(trials: int) -> int:
-    """How many cores a run of so many trials is spread over unless a person says."""
+def usual_jobs(paper: Paper, experiment: Experiment) -> int:
+    """How many cores an experiment is spread over unless a person says."""
+    trials = len(experiment.work) * experiment.trials * paper.weight
     return len(os.sched_getaffinity(0)) if trials > _ALONE else 1
 
 
@@ -36,18 +36,19 @@ def run_experiment(
     """Run what is missing of an experiment and judge it. Everything that a person can get wrong: `TrialsError`."""
     paper = paper_of(name)
     experiment = paper.define(name, options)
-    cells = experiment.cells + experiment.compared
-    run = Run(name, seed, experiment.trials, min(100, experiment.trials), cells)
+    work = experiment.work
+    run = Run(name, seed, experiment.trials, min(100, experiment.trials), work, paper.trials.engine(work))
     directory = out or pathlib.Path("out") / "experiments" / f"{name}-{_identity(run)}"
     store = Store(directory, run)
     rows = complete(
         run,
         store,
-        jobs=jobs or usual_jobs(len(cells) * experiment.trials),
+        paper.trials,
+        jobs=jobs or usual_jobs(paper, experiment),
         scheduler=scheduler,
         progress=progress,
     )
-    summaries = [summarise(rows, cell) for cell in experiment.cells]
+    summaries = [paper.summarise(rows, cell) for cell in experiment.cells]
     return ExperimentReport(experiment, directory, rows, summaries, paper.judge(experiment, rows))
 
 

@@ -9,9 +9,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from simvehicle.experiments.experiment import Summary
+from simvehicle.experiments.experiment import Listing, Summary
 from simvehicle.experiments.statistics import wilson
 from simvehicle.trials.cell import Cell
+
+_SHOWN_SIZES = (5, 10, 20)
+_LONGEST = 60
+"""A table of more cells than this is a file of its own; the page shows the decades of the failure rate, or a few
+swarm sizes."""
 
 
 def select(rows: pd.DataFrame, cell: Cell) -> pd.DataFrame:
@@ -75,6 +80,24 @@ def columns(rows: pd.DataFrame, cell: Cell, name: str) -> np.ndarray:
     return values
 
 
+def is_long(summaries: Sequence[Summary]) -> bool:
+    """Whether the cells are too many for a page that a person reads."""
+    return len(summaries) > _LONGEST
+
+
+def cell_table(name: str, summaries: Sequence[Summary]) -> str:
+    """All cells, or of many the decades of the failure rate (the sizes 5, 10, 20) and where the rest is."""
+    if not is_long(summaries):
+        return full(summaries)
+    if "failure_rate" not in summaries[0]:
+        shown = [one for one in summaries if one["drones"] in _SHOWN_SIZES] or list(summaries)
+        return f"All {len(summaries)} cells are in [{name}.csv]({name}.csv).\n\n{full(shown)}"
+    return (
+        "Trials that find the source, with Wilson's 95 % interval. "
+        f"All {len(summaries)} cells with all columns are in [{name}.csv]({name}.csv).\n\n{by_rate(summaries)}"
+    )
+
+
 def full(summaries: Sequence[Summary]) -> str:
     """The table for a person, in Markdown: a row a cell, minutes as the paper gives them."""
     rated = any("failure_rate" in summary for summary in summaries)
@@ -132,3 +155,24 @@ def percent(summary: Summary, *names: str) -> str:
 
 def _minutes(seconds: float | None) -> str:
     return "-" if seconds is None else f"{seconds / 60.0:.1f}"
+
+
+def listing(summaries: Sequence[Summary]) -> Listing:
+    """The table for a terminal: a row a cell."""
+    rated = any("failure_rate" in one for one in summaries)
+    heads = ("strategy", "drones", "plume", *(("healing", "rate") if rated else ()))
+
+    def minutes(one: Summary, *names: str) -> str:
+        return " ± ".join(_minutes(one[name]) for name in names)
+
+    rows = []
+    for one in summaries:
+        row = [one["strategy"], str(one["drones"]), one["plume"]]
+        row += ["on" if one["healing"] else "off", f"{one['failure_rate']:.0e}"] if rated else []
+        row += [percent(one, "success_rate"), minutes(one, "contact_s_mean", "contact_s_sd")]
+        row += [minutes(one, "source_s_mean", "source_s_sd"), minutes(one, "source_s_median")]
+        rows.append([*row, minutes(one, "source_s_max")])
+    heads_of_numbers = ("success", "contact", "max flux", "median", "longest")
+    return Listing(
+        "times in minutes, mean ± standard deviation", (*heads, *heads_of_numbers), len(heads), rows
+    )

@@ -42,9 +42,9 @@ class AgentFlight:
         self._faults = SwarmFaultSchedule(config.swarm_faults)
         self._vehicle_faults = Timetable(config.faults)
         """For the transcript: they strike by the vehicles' own schedule."""
-        self._invariants = Invariants(self.flight, self._swarm)
-        self._transcript = Transcript()
         self._keeper = GroundKeeper(self.flight) if config.ground_brings_home else None
+        self._invariants = Invariants(self.flight, self._swarm, self._keeper)
+        self._transcript = Transcript()
         self._down_s = 0.0
         """When somebody who ought to be down was last seen not to be."""
         self.flight.tap = self._tap

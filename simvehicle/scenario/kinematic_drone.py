@@ -12,12 +12,20 @@ from collections.abc import Iterable
 from typing import Final
 
 from flightstack.swarm.admission import Message
-from flightstack.swarm.exchange import Exchange
+from flightstack.swarm.exchange import Exchange, OrderExchange
 from flightstack.swarm.parting import Part
 from flightstack.swarm.peers import Peers
 from flightstack.swarm.swarm_table import SwarmTable
-from flightstack.swarm.topics import READINGS, STATE, TABLE, Topic
-from flightstack.swarm.wire import TAKING_PART, DroneState, Phase, ReadingsState, TableState
+from flightstack.swarm.topics import ORDER, READINGS, STATE, TABLE, Topic
+from flightstack.swarm.wire import (
+    NO_ORDER,
+    TAKING_PART,
+    DroneState,
+    OrderState,
+    Phase,
+    ReadingsState,
+    TableState,
+)
 from mission.estimation.estimates import Reading
 from mission.geometry.formation import Layout, rotated
 from mission.geometry.frames import Vector3
@@ -72,8 +80,9 @@ class KinematicDrone:
         """An operator or its own battery has sent it home: it does not come back."""
         self._layout = layout
         self._incarnation = incarnation
-        self._exchange = Exchange(TICK_S)
-        self._heard: list[TableState | ReadingsState] = []
+        self._tables = Exchange(TICK_S)
+        self._orders = OrderExchange(TICK_S)
+        self._heard: list[TableState | OrderState | ReadingsState] = []
         self._decision: Decision | None = None
         self._told = 0
         self._ticks = drone
@@ -94,7 +103,7 @@ class KinematicDrone:
 
     def hear(self, now_s: float, messages: Iterable[Message]) -> None:
         for message in messages:
-            if isinstance(message, TableState | ReadingsState):
+            if isinstance(message, TableState | OrderState | ReadingsState):
                 if self.peers.speaks(message.sender, message.incarnation):
                     self._heard.append(message)
                     self.peers.hear(now_s, message)
@@ -125,8 +134,11 @@ class KinematicDrone:
         started = table.survey is not None
         if self._ticks % STATE_TICKS == 0:
             said.append((STATE, STATE.codec.encode(self._state())))
-        if started and self._exchange.is_due(now_s, table.digest, self.peers.facts(), table.slots):
+        if started and self._tables.is_due(now_s, table.digest, self.peers.facts(), table.slots):
             said.append((TABLE, TABLE.codec.encode(table.message())))
+        ordered = table.order_digest
+        if ordered != NO_ORDER and self._orders.is_due(now_s, ordered, self.peers.facts()):
+            said.append((ORDER, ORDER.codec.encode(table.order_message())))
         readings = table.readings_message(now_s, TICK_S)
         if readings is not None:
             said.append((READINGS, READINGS.codec.encode(readings)))
@@ -215,4 +227,5 @@ class KinematicDrone:
             self._transfer_s is not None,
             None,
             table_digest=self.table.digest,
+            order_digest=self.table.order_digest,
         )

@@ -9,7 +9,7 @@ from typing import Final
 
 from flightstack.swarm.admission import Admission, Message, Refusal
 from flightstack.swarm.freshness import Counted, Freshness, MessageMemory
-from flightstack.swarm.topics import READINGS, STATE, TABLE, Received
+from flightstack.swarm.topics import ORDER, READINGS, STATE, TABLE, Received
 from flightstack.swarm.wire import Phase
 from flightstack.transport.memory import MemoryRadio, MemoryTransport
 from flightstack.transport.radio_model import RadioModel
@@ -19,7 +19,7 @@ from simvehicle.faults.fault_table import CommandWord, SwarmFaultSpec
 from simvehicle.scenario.kinematic_drone import TICK_S, UP_AGAIN_S, KinematicDrone
 
 HEIGHT_M: Final = 10.0
-_TOPICS: Final = (STATE, TABLE, READINGS)
+_TOPICS: Final = (STATE, TABLE, ORDER, READINGS)
 
 
 @dataclasses.dataclass

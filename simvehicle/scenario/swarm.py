@@ -22,6 +22,7 @@ from flightstack.swarm.wire import (
     DroneState,
     Event,
     GroundBeat,
+    OrderState,
     Phase,
     TableState,
     Traffic,
@@ -35,6 +36,7 @@ from simvehicle.drone.simulated_vehicle import SimulatedVehicle
 from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.fleet.fleet_problems import problems
 from simvehicle.world.configured import make_world
+from simvehicle.world.obstacles import Obstacles
 
 TICK_S = 0.1
 GROUND = "ground"
@@ -98,9 +100,12 @@ class Scenario:
         self.radio = radio if isinstance(radio, MemoryRadio) else MemoryRadio(fleet.seed, model=radio)
         self.states: dict[int, DroneState] = {}
         self.tables: dict[int, TableState] = {}
+        self.orders: dict[int, OrderState] = {}
         self.events: list[tuple[float, Event]] = []
         self.outcomes: list[CommandOutcome] = []
         self.min_separation_m = math.inf
+        self.min_clearance_m = math.inf
+        """The nearest that a flying vehicle came to an obstacle; negative inside one."""
         self.tap: Callable[[int, float, Inputs, Outputs], None] | None = None
         """Called with every agent's tick, for recording."""
         self._commands = (f"scenario-{n}" for n in itertools.count())
@@ -182,8 +187,8 @@ class Scenario:
     @property
     def source_ned_m(self) -> Vector3 | None:
         """The swarm's estimate of the source, once it is found."""
-        orders = (table.order for table in self.tables.values())
-        return next((order.source_ned_m for order in orders if order and order.source_ned_m), None)
+        sources = (told.order.source_ned_m for told in self.orders.values())
+        return next((source for source in sources if source), None)
 
     # -- one tick ----------------------------------------------------------------------------------------------
 
@@ -228,6 +233,8 @@ class Scenario:
                     self.states[message.sender] = message
                 case TableState():
                     self.tables[message.sender] = message
+                case OrderState():
+                    self.orders[message.sender] = message
                 case Event():
                     self.events.append((self.now_s, message))
                 case CommandOutcome():
@@ -250,6 +257,9 @@ class Scenario:
         flying = [m.vehicle.position_ned_m for m in self.members.values() if m.vehicle.airborne]
         for a, b in itertools.combinations(flying, 2):
             self.min_separation_m = min(self.min_separation_m, math.dist(a, b))
+        if isinstance(self.world.obstacles, Obstacles):
+            clearances_m = map(self.world.obstacles.clearance_m, flying)
+            self.min_clearance_m = min(self.min_clearance_m, min(clearances_m, default=math.inf))
 
 
 def _ports(member: Member, said: DroneBytes) -> Iterator[PortInput]:

@@ -136,7 +136,8 @@ def words(flown: summary.Summary) -> str:
             "" if flown.time_to_contact_s is None else f"contact after {flown.time_to_contact_s:.0f} s, "
         )
         error = "" if flown.source_error_m is None else f", {flown.source_error_m:.1f} m off"
-        lines.append(f"{contact}source after {flown.time_to_source_s:.0f} s{error}")
+        known = "" if flown.source_sd_m is None else f", standard deviation told {flown.source_sd_m:.1f} m"
+        lines.append(f"{contact}source after {flown.time_to_source_s:.0f} s{error}{known}")
     separation = (
         "" if flown.min_separation_m is None else f", smallest separation {flown.min_separation_m:.1f} m"
     )

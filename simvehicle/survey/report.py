@@ -117,6 +117,8 @@ def _sentence(summary: Summary) -> str:
         text += f"; the source was found {duration(summary.time_to_source_s)} after the first take-off"
     if summary.source_error_m is not None:
         text += f", {summary.source_error_m:.1f} m from where it truly is"
+    if summary.source_sd_m is not None:
+        text += f" (the swarm knew it to {summary.source_sd_m:.1f} m, one standard deviation)"
     return text + "."
 
 

@@ -85,6 +85,8 @@ class Summary(msgspec.Struct, frozen=True):
     """Until the swarm said that it had found the source."""
     source_error_m: float | None
     """Horizontal distance between the estimate and the true source."""
+    source_sd_m: float | None
+    """The standard deviation of the estimate as the swarm told it; None if it told none."""
     source_estimate_ned_m: Vector3 | None
     source_true_ned_m: Vector3 | None
     min_separation_m: float | None
@@ -173,6 +175,7 @@ def summarise(
         source_error_m=_rounded(
             math.hypot(estimate[0] - truth[0], estimate[1] - truth[1]) if estimate and truth else None, 2
         ),
+        source_sd_m=_rounded(found.order.source_sd_m if found else None, 2),
         source_estimate_ned_m=estimate,
         source_true_ned_m=truth,
         min_separation_m=_rounded(closest.distance_m if closest else None, 2),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import pathlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -26,11 +26,13 @@ from flightstack.config import (
 )
 from flightstack.config_file import cautions, problems
 from flightstack.flight.guard import SEPARATION_MARGIN_M
+from flightstack.obstacle_checks import launch_problem
 from flightstack.transport.radio_model import RadioModel
 from mission.documents.fence_section import FenceChoice, read_section
 from mission.documents.yaml_file import DocumentError, line_of, parse, read_text
 from mission.geometry.frames import LocalFrame, Vector3
 from mission.geometry.geofence import Geofence, LocalFence
+from mission.geometry.known_obstacles import KnownObstacle
 from sensors.instruments.sensor_error import SensorError
 from simvehicle.autopilot.parameters import Parameters, UnknownParameterError
 from simvehicle.faults.fault_table import FaultSpec
@@ -38,9 +40,10 @@ from simvehicle.fleet.fleet_config import FARTHEST_HOME_M
 from simvehicle.fleet.fleet_problems import what_does_not_fit
 from simvehicle.instruments import make_emulator
 from simvehicle.survey.fault_options import fault_option
+from simvehicle.vehicle.range_finder import RangeFinderConfig
 from simvehicle.world.configured import make_world
 from simvehicle.world.obstacles import Obstacles
-from simvehicle.world.world_config import GaussianPlume, WorldConfig
+from simvehicle.world.world_config import GaussianPlume, Obstacle, WorldConfig
 from simvehicle.world.world_problems import WAY_M, shut_in, sources
 from simvehicle.world.world_problems import problems as world_problems
 
@@ -100,6 +103,8 @@ class SurveyConfig(WorldConfig, frozen=True, kw_only=True):
     launch_line: LaunchLine | None = None
     """Instead of `drones`."""
     instruments: tuple[InstrumentChoice, ...] = (InstrumentChoice(name="co2", type="sba5"),)
+    range_finder: RangeFinderConfig | None = None
+    """Every drone carries one; None: nobody."""
     formation: FormationConfig = FormationConfig()
     limits: LimitsConfig = LimitsConfig()
     geofence: FenceChoice = None
@@ -192,6 +197,15 @@ def check(config: SurveyConfig, text: str, file: str, *, extra_faults: tuple[Fau
     return _Checks(file, text, config, extra_faults).run()
 
 
+def known_obstacles(obstacles: Sequence[Obstacle]) -> tuple[KnownObstacle, ...]:
+    """What the drones are told of the obstacles of a world."""
+    return tuple(
+        KnownObstacle(corners_north_east_m=one.outline(), top_above_home_m=one.top_above_home_m)
+        for one in obstacles
+        if not one.unknown
+    )
+
+
 class _Checks:
     """The checks of one survey, each raising the first problem that it finds."""
 
@@ -238,14 +252,29 @@ class _Checks:
                 formation=config.formation,
                 limits=config.limits,
                 geofence=fence,
+                obstacles=known_obstacles(config.obstacles),
                 strategy=config.strategy,
                 seed=config.seed,
             )
             for field, problem in problems(seen):
                 own = field.startswith("instruments") and self._has_own_instruments(index)
-                raise self._fail(f"drones[{index}].{field}" if own else field, problem)
+                raise self._fail(f"drones[{index}].{field}" if own else self._own_field(field), problem)
+            problem = launch_problem(seen, (drone.home_north_m, drone.home_east_m))
+            if problem:
+                raise self._fail(
+                    self._place(index, "home_north_m"), f"drone {drone.id}'s launch point {problem}"
+                )
             if index == 0:  # they are about what is the same for all
-                self._warnings += [str(self._fail(field, caution)) for field, caution in cautions(seen)]
+                for field, caution in cautions(seen):
+                    self._warnings.append(str(self._fail(self._own_field(field), caution)))
+
+    def _own_field(self, field: str) -> str:
+        """Where this file has what an agent's file has in a field: agents are not told of all obstacles."""
+        name, _, rest = field.partition("[")
+        if name != "obstacles":
+            return field
+        known = [index for index, one in enumerate(self._config.obstacles) if not one.unknown]
+        return f"obstacles[{known[int(rest.rstrip(']'))]}]"
 
     def _has_own_instruments(self, index: int) -> bool:
         return bool(self._config.drones) and self._config.drones[index].instruments is not None
@@ -349,7 +378,7 @@ class _Checks:
                     f"drone {drone.id}'s launch point is {where}; move it or widen the fence",
                 )
         aims = sources(self._config)
-        if aims and not any(local.contains(*place) for _, place in aims):
+        if aims and not any(local.contains(*place[:2]) for _, place in aims):
             self._warnings.append(
                 f"{self._file}: plume: its source lies outside the geofence: the swarm cannot reach it"
             )
@@ -359,21 +388,24 @@ class _Checks:
         config = self._config
         if not config.obstacles:
             return
-        homes = [(drone.home_north_m, drone.home_east_m) for drone in drones]
-        clear_m = Obstacles(config.obstacles).clearances_m(np.array([(*home, 0.0) for home in homes]))
-        for index, (drone, away_m) in enumerate(zip(drones, clear_m.tolist(), strict=True)):
+        homes = [(drone.home_north_m, drone.home_east_m, 0.0) for drone in drones]
+        obstacles = Obstacles(config.obstacles)
+        for index, drone in enumerate(drones):
+            away_m = obstacles.clearance_m(homes[index])
             if away_m < 0.5 * WAY_M:
                 where = "inside an obstacle" if away_m < 0.0 else f"{away_m:.1f} m from an obstacle"
                 raise self._fail(
                     self._place(index, "home_north_m"),
                     f"drone {drone.id}'s launch point is {where}; move one of them, at least {0.5 * WAY_M:g} m apart",
                 )
-        aims = sources(config)
+        local = LocalFence(self._frame, fence) if fence else None
+        # Of sources outside the fence a warning has told already.
+        aims = [aim for aim in sources(config) if local is None or local.contains(*aim[1][:2])]
         shut = shut_in(
             [*homes, *(place for _, place in aims)],
             config.obstacles,
             ceiling_m=config.limits.ceiling_above_home_m,
-            bounds=LocalFence(self._frame, fence).area if fence else None,
+            bounds=None if local is None else local.area,
         )
         way = f"no way of {WAY_M:g} m between the obstacles, below the ceiling and inside the fence, leads"
         for index, drone in enumerate(drones):
@@ -390,7 +422,8 @@ class _Checks:
         by_id = {drone.id: drone for drone in drones}
         own = len(self._config.faults) - len(self._extra_faults)
         for index, fault in enumerate(self._config.faults):
-            for field, problem in _fault_problems(fault, by_id):
+            looks_around = self._config.range_finder is not None
+            for field, problem in _fault_problems(fault, by_id, looks_around=looks_around):
                 if index >= own:
                     raise DocumentError(f"--fault {fault_option(fault)}", problem)
                 raise self._fail(f"faults[{index}].{field}", problem)
@@ -410,11 +443,13 @@ def _dead_link_problems(link: tuple[int | str, int | str], drones: list[int]) ->
         yield f"{link[0]} hears itself; write [sender, who does not hear it]"
 
 
-def _fault_problems(fault: FaultSpec, drones: Mapping[int, SurveyDrone]) -> Iterator[tuple[str, str]]:
+def _fault_problems(
+    fault: FaultSpec, drones: Mapping[int, SurveyDrone], *, looks_around: bool
+) -> Iterator[tuple[str, str]]:
     if fault.drone not in drones:
         yield "drone", f"there is no drone {fault.drone}, but {list(drones)}"
         return
     types = {i.name: i.type for i in drones[fault.drone].instruments or ()}
-    yield from what_does_not_fit(fault, f"drone {fault.drone}", types)
+    yield from what_does_not_fit(fault, f"drone {fault.drone}", types, looks_around=looks_around)
     if fault.until_s is not None and fault.until_s <= fault.at_s:
         yield "until_s", f"it breaks at {fault.at_s:g} s, so it cannot mend at {fault.until_s:g} s"

@@ -21,6 +21,7 @@ from flightstack.swarm.wire import (
     DroneState,
     Event,
     MemberRegister,
+    OrderState,
     Phase,
     Severity,
     TableState,
@@ -30,7 +31,7 @@ from mission.geometry.frames import Vector3
 from mission.strategies.contract import Order, Stage
 from simvehicle.fleet.truth import TruthRow
 
-RECEIVES = (topics.STATE, topics.TABLE, topics.OUTCOME, topics.EVENT)
+RECEIVES = (topics.STATE, topics.TABLE, topics.ORDER, topics.OUTCOME, topics.EVENT)
 GETTING_THERE = frozenset({Phase.ARMING, Phase.TAKEOFF, Phase.FORMING})
 """The phases of a member that is on the way to its first slot, or to its slot after it had lost one."""
 SILENT_S = 5.0
@@ -175,6 +176,8 @@ class SurveyWatch:
                 self._state(now_s, message)
             case TableState():
                 self._table(now_s, message)
+            case OrderState():
+                self._ordered(now_s, message)
             case CommandOutcome():
                 self.outcomes[message.command, message.sender] = message
             case Event():
@@ -233,20 +236,24 @@ class SurveyWatch:
                 self._trees.append(TreeMark(now_s, held))
         self._members(now_s, table)
         self._heals = max(self._heals, table.heals)
-        order = table.order
-        if order is not None and (self.order is None or order.sequence > self.order.sequence):
+
+    def _ordered(self, now_s: float, told: OrderState) -> None:
+        if not self._is_the_swarms(told):
+            return
+        order = told.order
+        if self.order is None or order.sequence > self.order.sequence:
             self.order = order
             self._orders.append(OrderMark(now_s, order))
 
-    def _is_the_swarms(self, table: TableState) -> bool:
+    def _is_the_swarms(self, told: TableState | OrderState) -> bool:
         """Whether it tells of the survey that most drones tell of; of two with as many the first."""
-        self._surveys[table.sender] = table.survey
-        told = list(self._surveys.values())
-        if table.survey != self._survey and told.count(table.survey) > sum(
-            one == self._survey for one in told
+        self._surveys[told.sender] = told.survey
+        known = list(self._surveys.values())
+        if told.survey != self._survey and known.count(told.survey) > sum(
+            one == self._survey for one in known
         ):
-            self._survey, self._registers = table.survey, {}
-        return table.survey == self._survey
+            self._survey, self._registers = told.survey, {}
+        return told.survey == self._survey
 
     def _members(self, now_s: float, table: TableState) -> None:
         """What the table's sender says of the members, on top of what all said before."""

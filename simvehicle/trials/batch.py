@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import warnings
-from collections.abc import Callable, Generator, Iterator, Sequence
-from typing import Any
+from collections.abc import Callable, Generator, Hashable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 import pandas as pd
 
-from simvehicle.trials.cell import Cell
-from simvehicle.trials.outcome import engine_of, run_cell
+from simvehicle.trials.outcome import code_of, engine_of, kernels_of, run_cell
 from simvehicle.trials.store import Block, Run, Store
 from simvehicle.trials.trials_error import TrialsError
 
@@ -19,9 +18,28 @@ Progress = Callable[[int, int], None]
 Finished = Generator[tuple[Block, pd.DataFrame], None, None]
 
 
+class Trials(NamedTuple):
+    """How the trials of one kind of cells are flown; plain functions of modules, which other processes find too."""
+
+    fly: Callable[[Any, int, int, int], pd.DataFrame]
+    """(cell, seed, first, count) -> one tidy row a trial, the same however they are split. With a count of 0 it only
+    compiles."""
+    engine: Callable[[Sequence[Any]], str]
+    """Equal where the rows of cells are computed by equal code."""
+    code: Callable[[Any], Hashable]
+    """Equal for cells that need the same machine code."""
+    kernels: Callable[[Any], Sequence[Callable[..., Any]]]
+    """The compiled entries that fly trials of a cell."""
+
+
+CELLS = Trials(run_cell, engine_of, code_of, kernels_of)
+"""Those of `simvehicle.trials.cell.Cell`."""
+
+
 def complete(
     run: Run,
     store: Store,
+    trials: Trials = CELLS,
     *,
     jobs: int = 1,
     scheduler: str | None = None,
@@ -34,7 +52,7 @@ def complete(
     report = progress or _silent
     report(done, total)
     if missing:
-        with contextlib.closing(spread(run, missing, jobs=jobs, scheduler=scheduler)) as finished:
+        with contextlib.closing(spread(run, missing, trials, jobs=jobs, scheduler=scheduler)) as finished:
             for block, rows in finished:
                 store.add(block, rows)
                 done += block.count
@@ -42,45 +60,51 @@ def complete(
     return store.rows()
 
 
-def spread(run: Run, missing: Sequence[Block], *, jobs: int = 1, scheduler: str | None = None) -> Finished:
+def spread(
+    run: Run, missing: Sequence[Block], trials: Trials = CELLS, *, jobs: int = 1, scheduler: str | None = None
+) -> Finished:
     """Do these blocks of `run`; each comes with its rows as it is finished."""
-    return _on_cluster(run, missing, scheduler) if scheduler else _on_cores(run, missing, jobs)
+    return (
+        _on_cluster(run, missing, trials, scheduler) if scheduler else _on_cores(run, missing, trials, jobs)
+    )
 
 
 def _silent(done: int, total: int) -> None:
     del done, total
 
 
-def warm_up(run: Run) -> None:
+def warm_up(run: Run, trials: Trials = CELLS) -> None:
     """Compile (or load) what `run` needs, once, before workers all do it at the same time."""
-    strategies = {cell.strategy: cell for cell in run.cells}
-    for cell in strategies.values():
-        run_cell(cell, run.seed, 0, 0)
+    for cell in {trials.code(cell): cell for cell in run.cells}.values():
+        trials.fly(cell, run.seed, 0, 0)
 
 
-def _work(cell: Cell, seed: int, block: Block, engine: str) -> tuple[Block, pd.DataFrame]:
-    if engine != engine_of((cell,)):
+def _work(trials: Trials, cell: Any, seed: int, block: Block, engine: str) -> tuple[Block, pd.DataFrame]:
+    if engine != trials.engine((cell,)):
         raise TrialsError("a worker runs another version of the software; install the same one everywhere")
-    return block, run_cell(cell, seed, block.first, block.count)
+    return block, trials.fly(cell, seed, block.first, block.count)
 
 
-def _tasks(run: Run, missing: Sequence[Block]) -> Iterator[tuple[Cell, int, Block, str]]:
+def _tasks(
+    run: Run, missing: Sequence[Block], trials: Trials
+) -> Iterator[tuple[Trials, Any, int, Block, str]]:
     """The arguments of `_work`, one tuple a block."""
-    engines = [engine_of((cell,)) for cell in run.cells]
+    engines = {trials.code(cell): trials.engine((cell,)) for cell in run.cells}
     for block in missing:
-        yield run.cells[block.cell], run.seed, block, engines[block.cell]
+        cell = run.cells[block.cell]
+        yield trials, cell, run.seed, block, engines[trials.code(cell)]
 
 
-def _on_cores(run: Run, missing: Sequence[Block], jobs: int) -> Finished:
-    warm_up(run)
+def _on_cores(run: Run, missing: Sequence[Block], trials: Trials, jobs: int) -> Finished:
+    warm_up(run, trials)
     if jobs == 1:
-        for task in _tasks(run, missing):
+        for task in _tasks(run, missing, trials):
             yield _work(*task)
         return
     import joblib
 
     parallel: Any = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
-    calls = (joblib.delayed(_work)(*task) for task in _tasks(run, missing))
+    calls = (joblib.delayed(_work)(*task) for task in _tasks(run, missing, trials))
     results = parallel(calls)
     try:
         for result in results:  # noqa: UP028 (`yield from` would close `results` before `finally` is reached)
@@ -92,7 +116,7 @@ def _on_cores(run: Run, missing: Sequence[Block], jobs: int) -> Finished:
             results.close()
 
 
-def _on_cluster(run: Run, missing: Sequence[Block], scheduler: str) -> Finished:
+def _on_cluster(run: Run, missing: Sequence[Block], trials: Trials, scheduler: str) -> Finished:
     try:
         import distributed as dask_cluster
     except ImportError as error:
@@ -103,6 +127,6 @@ def _on_cluster(run: Run, missing: Sequence[Block], scheduler: str) -> Finished:
     except (OSError, ValueError, TimeoutError) as error:
         raise TrialsError(f"no dask scheduler answers at {scheduler}: {error}") from error
     with client:
-        futures = [client.submit(_work, *task, pure=False) for task in _tasks(run, missing)]
+        futures = [client.submit(_work, *task, pure=False) for task in _tasks(run, missing, trials)]
         for _, result in distributed.as_completed(futures, with_results=True):
             yield result

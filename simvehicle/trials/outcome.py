@@ -167,6 +167,16 @@ def engine_of(cells: Sequence[Cell]) -> str:
     return engine_identity(*(kernels[name] for name in sorted(kernels)), kernel_setup, _rows)
 
 
+def code_of(cell: Cell) -> str:
+    """Equal for cells that need the same machine code."""
+    return cell.strategy
+
+
+def kernels_of(cell: Cell) -> tuple[Callable[..., Any], ...]:
+    """`kernel_of`, as `batch.Trials` has it."""
+    return (kernel_of(cell),)
+
+
 class RecordedTrial(msgspec.Struct, frozen=True):
     """One trial with everything that a plot of it needs."""
 

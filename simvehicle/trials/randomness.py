@@ -18,7 +18,7 @@ Stream = NDArray[np.uint64]
 """One number: the generator's state."""
 
 # Streams. Those of single drones are counted from the base.
-WORLD, DECISIONS, START, GENERIC, IN_PLUME, OWN = 1, 2, 1000, 2000, 3000, 4000
+WORLD, DECISIONS, START, GENERIC, IN_PLUME, OWN, SENSOR = 1, 2, 1000, 2000, 3000, 4000, 5000
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1 = np.uint64(0xBF58476D1CE4E5B9)

@@ -10,11 +10,11 @@ from __future__ import annotations
 import errno
 import os
 import pathlib
+from typing import Any
 
 import msgspec
 import pandas as pd
 
-from simvehicle.trials.cell import Cell
 from simvehicle.trials.outcome import engine_of
 from simvehicle.trials.trials_error import TrialsError
 
@@ -26,9 +26,10 @@ class Run(msgspec.Struct, frozen=True):
     seed: int
     trials: int
     block: int
-    cells: tuple[Cell, ...]
+    cells: tuple[Any, ...]
+    """Structs, one a cell: `simvehicle.trials.cell.Cell`, or those of another kind of trials (`batch.Trials`)."""
     engine: str = ""
-    """Of the code that computes the rows; empty: as it is now."""
+    """Of the code that computes the rows; empty: as it is now, for cells of `Cell`."""
 
     def __post_init__(self) -> None:
         if not self.engine:
@@ -78,16 +79,15 @@ class Store:
             _write_whole(path, msgspec.json.format(msgspec.json.encode(self._run)) + b"\n")
             return
         try:
-            before = msgspec.json.decode(path.read_bytes(), type=Run)
+            before = _plain(msgspec.json.decode(path.read_bytes(), type=Run))
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
             raise TrialsError(f"{path}: not the description of a run: {error}") from error
-        if before == self._run:
+        now = _plain(self._run)
+        differs = [field for field in Run.__struct_fields__ if before[field] != now[field]]
+        if not differs:
             return
-        differs = [
-            field for field in Run.__struct_fields__ if getattr(before, field) != getattr(self._run, field)
-        ]
         raise TrialsError(
-            f"{path}: holds the results of another experiment ({before.name}; {', '.join(differs)} "
+            f"{path}: holds the results of another experiment ({before['name']}; {', '.join(differs)} "
             "differ); choose another directory with --out or remove this one"
         )
 
@@ -117,6 +117,12 @@ class Store:
             except (OSError, ValueError) as error:
                 raise TrialsError(f"{path}: cannot be read ({error}); remove it and run again") from error
         return pd.concat(frames, ignore_index=True)
+
+
+def _plain(run: Run) -> dict[str, Any]:
+    """A run as its file has it: its cells may be of any struct."""
+    fields: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(run))
+    return fields
 
 
 def _write_whole(path: pathlib.Path, data: bytes) -> None:

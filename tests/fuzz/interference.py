@@ -128,7 +128,11 @@ class Air:
         )
         for topic, message in ground:
             self._newest[topic.name, "ground"] = topic.codec.encode(message)
-        for topic, told in ((topics.STATE, flight.states), (topics.TABLE, flight.tables)):
+        for topic, told in (
+            (topics.STATE, flight.states),
+            (topics.TABLE, flight.tables),
+            (topics.ORDER, flight.orders),
+        ):
             for drone, message in told.items():
                 self._newest[topic.name, str(drone)] = topic.codec.encode(message)
 

@@ -187,7 +187,7 @@ def test_what_was_said_before_changes_nothing_said_again_or_in_anothers_name(
 def test_messages_of_strangers_change_nothing(cases: int, flavour: str) -> None:
     flight = hovering(flavour)
     air, a_tick = Air(f"strangers {flavour}", flight), 20 if cases < 1000 else 200
-    forged = air.forged(("state", "table"), strangers=True)
+    forged = air.forged(("state", "table", "order"), strangers=True)
 
     def add(drone: int, inputs: Inputs) -> Inputs:
         air.heard(inputs.peers)

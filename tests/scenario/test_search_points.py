@@ -319,7 +319,10 @@ def test_mobs_ends_where_nobody_beat_the_best_reading(strategy: str, seed: int) 
     assert swarm.order.apart
 
 
-@pytest.mark.parametrize("strategy", ["mobs", "mobs-authors", "locus-hybrid", "locus-multi"])
+@pytest.mark.parametrize(
+    "strategy",
+    ["mobs", "mobs-authors", "locus-hybrid", "locus-multi", "lattice-casting", "lattice-fluxotaxis"],
+)
 def test_without_a_plume_every_strategy_gives_up_in_time(strategy: str) -> None:
     swarm = Swarm(6, lambda position: 0.0, 1, strategy=strategy, search_limit_s=150.0)
     swarm.run(300.0)

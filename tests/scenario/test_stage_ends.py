@@ -37,7 +37,7 @@ def test_a_search_that_takes_too_long_is_given_up_by_all_together(flavour: str) 
     assert flight.run_until(lambda: Phase.RETURNING in flight.phases(), 120.0)
     flight.run(1.5)
     assert flight.phases() == {Phase.RETURNING}
-    assert {table.order.stage for table in flight.tables.values() if table.order} == {Stage.GIVE_UP}
+    assert {told.order.stage for told in flight.orders.values()} == {Stage.GIVE_UP}
     assert overdue(flight) == [
         "the search for contact has taken more than 30 s (limits.stages.searching_s): giving up"
     ]

@@ -40,7 +40,7 @@ def test_hybrid_drones_part_gather_around_the_caller_and_find_the_source() -> No
     stages: list[Stage] = []
 
     def gathered() -> bool:
-        order = flight.tables[1].order if 1 in flight.tables else None
+        order = flight.orders[1].order if 1 in flight.orders else None
         if order is not None and (not stages or stages[-1] is not order.stage):
             stages.append(order.stage)
         return Stage.TRACK in stages
@@ -55,7 +55,7 @@ def test_a_sub_swarm_finds_the_source_and_a_lost_member_moves_nobody_to_a_slot()
     flight = begun("survey_multi")
 
     def parted() -> bool:
-        return 1 in flight.tables and (order := flight.tables[1].order) is not None and order.apart
+        return 1 in flight.orders and flight.orders[1].order.apart
 
     assert flight.run_until(parted, 120.0)
     flight.run(20.0)

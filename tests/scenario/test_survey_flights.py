@@ -110,8 +110,7 @@ def test_drones_that_took_different_starts_fly_one_survey(starts: tuple[int, ...
 
     def search_goes_on() -> bool:
         """The root orders a next place only when it has a reading of everybody."""
-        order = flight.tables[1].order
-        return order is not None and order.sequence > 2
+        return 1 in flight.orders and flight.orders[1].order.sequence > 2
 
     assert flight.run_until(search_goes_on, 120.0)
     assert len({table.survey for table in flight.tables.values()}) == 1
@@ -152,8 +151,7 @@ def test_a_vehicle_that_hovers_in_the_roots_slot_does_not_stop_the_swarm() -> No
     )
 
     def ordered() -> bool:
-        order = flight.tables[4].order
-        return order is not None and order.stage is not Stage.FORM
+        return 4 in flight.orders and flight.orders[4].order.stage is not Stage.FORM
 
     assert flight.run_until(ordered, 60.0)
     assert flight.min_separation_m > 4.0

@@ -19,7 +19,15 @@ from flightstack.config_file import load
 from flightstack.recording.clock import make_clock
 from flightstack.recording.shared_clock import ClockCells
 from flightstack.swarm import topics
-from flightstack.swarm.wire import CommandName, CommandOutcome, DroneState, Phase, Result, TableState
+from flightstack.swarm.wire import (
+    CommandName,
+    CommandOutcome,
+    DroneState,
+    OrderState,
+    Phase,
+    Result,
+    TableState,
+)
 from flightstack.transport.zenoh_transport import ZenohTransport
 from mission.documents.yaml_file import parse
 from mission.estimation.estimates import Scalar
@@ -87,8 +95,10 @@ def agent(config: DroneConfig) -> None:
             source = (30.5, -84.0, -10.0) if stage is Stage.FOUND else None
             order = Order(list(Stage).index(stage) + 1, stage, where, 0.0, source)
             claims = tuple(configured(swarm.members).items())
-            table = TableState(config.drone, os.getpid(), ticks, 7, "", claims, (), (), order, claims[0][1])
+            table = TableState(config.drone, os.getpid(), ticks, 7, "", claims, (), ())
             transport.publish(topics.TABLE, topics.TABLE.codec.encode(table))
+            ordered = OrderState(config.drone, os.getpid(), ticks, 7, "", order, claims[0][1])
+            transport.publish(topics.ORDER, topics.ORDER.codec.encode(ordered))
         told = file.with_suffix(".new")
         told.write_bytes(msgspec.json.encode(ToldPlace(now_s, where, airborne)))
         told.replace(file)

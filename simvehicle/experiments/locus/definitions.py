@@ -48,6 +48,9 @@ def define(name: str, options: Options) -> Experiment:
     failure = _FAILURE[name]
     if options.rates and failure == "none":
         raise TrialsError(f"{name} has no failures; --rates belongs to locus-3 and locus-4")
+    if options.regimes or options.worlds is not None:
+        raise TrialsError(f"{name} has one world a trial; --regimes and --worlds belong to the traced plumes")
+    strategies = options.strategies or ("locus", "mobs")
     trials = options.trials if options.trials is not None else (20 if options.quick else 100)
     if trials < 1:
         raise TrialsError(f"--trials must be at least 1, not {trials}")
@@ -60,7 +63,7 @@ def define(name: str, options: Options) -> Experiment:
         for plume in plumes:
             cells += [
                 msgspec.structs.replace(_flown(base, strategy, plume), drones=size)
-                for strategy in options.strategies
+                for strategy in strategies
                 for size in sizes
             ]
         if name == "locus-2" and plumes == ("perturbed",):
@@ -73,7 +76,7 @@ def define(name: str, options: Options) -> Experiment:
         )
         for plume in plumes:
             for size in options.sizes or (20,):
-                for strategy in options.strategies:
+                for strategy in strategies:
                     flown = msgspec.structs.replace(_flown(base, strategy, plume), drones=size)
                     lines = [flown] if strategy not in ALONE else []
                     lines += [
@@ -90,6 +93,11 @@ def define(name: str, options: Options) -> Experiment:
     if not cells:
         raise TrialsError(f"{name}: nothing to run")
     return Experiment(name, _TITLES[name], _once(cells), _once(compared), trials)
+
+
+def by_rate(experiment: Experiment) -> bool:
+    """Whether its cells differ in their failure rate."""
+    return any(cell.failure != "none" for cell in experiment.cells)
 
 
 def _flown(base: Cell, strategy: str, plume: PlumeKind) -> Cell:

@@ -9,6 +9,7 @@ import pandas as pd
 
 from simvehicle.experiments.claims import BEGINS, above, begins_to_fail, larger_deviation, larger_mean, within
 from simvehicle.experiments.experiment import Experiment, Outcome, Verdict
+from simvehicle.experiments.locus.definitions import by_rate
 from simvehicle.experiments.statistics import Interval, bootstrap, mean_difference, mean_ratio
 from simvehicle.experiments.table import columns, select
 from simvehicle.trials.cell import Cell
@@ -16,7 +17,7 @@ from simvehicle.trials.cell import Cell
 
 def judge(experiment: Experiment, rows: pd.DataFrame) -> list[Verdict]:
     """A verdict on each claim that the experiment's cells can decide."""
-    if experiment.by_rate:
+    if by_rate(experiment):
         return _by_rate(experiment, rows)
     found = _by_size(experiment, rows)
     if experiment.name == "locus-2":

@@ -7,9 +7,10 @@ import numpy as np
 
 from mission.geometry.formation import FloatArray, IntArray
 from mission.strategies.registry import checked, find
-from mission.strategies.tick_rule import TickRule, numbers
+from mission.strategies.tick_rule import numbers
 from simvehicle.trials.cell import Cell
 from simvehicle.trials.flight import NOW, Scene
+from simvehicle.trials.ticks.compiling import not_compiled
 from simvehicle.trials.ticks.flying import FLAW, TICK_RESULTS, Sizes, swarm_numbers, tick_kernel
 from simvehicle.trials.trials_error import TrialsError
 
@@ -65,19 +66,10 @@ def fly_swarm(
             1 if track is None else track.every,
         )
     except numba.core.errors.NumbaError as error:
-        raise TrialsError(_not_compiled(cell.strategy, rule, error)) from error
+        raise TrialsError(not_compiled(cell.strategy, rule, error)) from error
     for row in np.flatnonzero(results[:, FLAW]):
         raise TrialsError(
             f"strategy {cell.strategy}: its rule gave what is no velocity to robot {results[row, FLAW] - 1} in "
             f"tick {results[row, NOW]} of trial {first + row}, seed {seed}"
         )
     return results, origins
-
-
-def _not_compiled(name: str, rule: TickRule, error: Exception) -> str:
-    said = [line.strip() for line in str(error).splitlines() if line.strip()]
-    stages = [place for place, line in enumerate(said) if "Failed in nopython mode" in line]
-    where = f"{rule.rule.__module__}.{rule.rule.__qualname__}"
-    # The compiler tells call by call, each beginning with its own stage; what is wrong stands behind the last.
-    first = said[stages[-1] + 1 :] if stages else said
-    return f"strategy {name}: its rule {where} cannot be compiled: {' '.join(first[:1])}"

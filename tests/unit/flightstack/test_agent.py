@@ -20,6 +20,7 @@ from flightstack.swarm.wire import (
     CommandName,
     CommandOutcome,
     DroneState,
+    OrderState,
     Phase,
     Result,
     Severity,
@@ -429,6 +430,6 @@ def test_of_a_survey_before_nothing_is_remembered(flight: AgentFlight) -> None:
     outputs = flight.tick(CommandName.START)
     (table,) = told(outputs, TableState) or told(flight.tick(), TableState)
     assert table.survey != "start-1"
-    assert table.order is not None
-    assert table.order.sequence == 1
+    (ordered,) = told(outputs, OrderState) or told(flight.tick(), OrderState)
+    assert (ordered.survey, ordered.order.sequence) == (table.survey, 1)
     assert flight.agent._strategy is not before

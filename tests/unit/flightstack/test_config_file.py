@@ -136,6 +136,49 @@ def test_what_may_bring_two_together_that_do_not_hear_each_other_is_warned_of(
     assert words in caplog.text
 
 
+ROCK = "corners_north_east_m: [[{0}, -80], [{0}, -60], [-60, -60], [-60, -80]]"
+
+
+@pytest.mark.parametrize(
+    ("obstacles", "words"),
+    [
+        ("[{top_above_home_m: 3}]", ": obstacles[0]: give corners"),
+        ("[{corners_north_east_m: [[-4, -4], [-4, 4], [4, 4], [4, -4]]}]",
+         ": obstacles[0]: the swarm forms up over the origin, 10 m high, and slot 0 of its formation is inside"),
+        ("[{corners_north_east_m: [[2, -4], [2, 4], [8, 4], [8, -4]], top_above_home_m: 8}]",
+         "slot 0 of its formation is 2.0 m from this obstacle; limits.obstacle_margin_m = 3 m"),
+        ("[{corners_north_east_m: [[20, 0], [30, 0], [30, 1]], height_m: 3}]", ": obstacles[0].height_m"),
+    ],
+)  # fmt: skip
+def test_obstacles_that_nobody_can_fly_among_are_refused(
+    tmp_path: pathlib.Path, obstacles: str, words: str
+) -> None:
+    assert words in refused(tmp_path, "record_to:", f"obstacles: {obstacles}\nrecord_to:")
+
+
+@pytest.mark.parametrize(
+    ("obstacle", "words"),
+    [
+        (f"{{{ROCK.format(-90)}}}",
+         "obstacles[0]: obstacle 0 stands as high as the autopilot of every drone comes home"),
+        (f"{{{ROCK.format(-90)}, top_above_home_m: 45}}",
+         "obstacles[0]: obstacle 0 stands as high as the autopilot of drones 1, 2 comes home by itself (the lowest "
+         "at 40 m): it flies straight, and into what is between it and its home, while agents fly around; 48 m are"),
+        (f"{{{ROCK.format(-90)}, top_above_home_m: 37}}", ""),
+        (f"{{{ROCK.format(-90).replace('-60', '-900').replace('-80', '-990')}}}", ""),
+    ],
+)  # fmt: skip
+def test_an_obstacle_that_an_autopilot_may_fly_into_is_warned_of(
+    tmp_path: pathlib.Path, caplog: pytest.LogCaptureFixture, obstacle: str, words: str
+) -> None:
+    text = GOOD.replace("record_to:", f"obstacles: [{obstacle}]\nrecord_to:")
+    (tmp_path / "drone.yaml").write_text(text, encoding="utf-8")
+    with caplog.at_level(logging.WARNING):
+        load(tmp_path / "drone.yaml")
+    told = [record.message for record in caplog.records]
+    assert [words in text for text in told] == [True] * bool(words)
+
+
 def test_integers_of_px4_travel_whole(tmp_path: pathlib.Path) -> None:
     text = GOOD.replace("flavour: ardupilot", "flavour: px4").replace("RTL_ALT: 4000", "COM_X: 16777217")
     (tmp_path / "drone.yaml").write_text(text, encoding="utf-8")

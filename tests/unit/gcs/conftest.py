@@ -43,6 +43,7 @@ class SpeakingAutopilot:
         self.status = mavlink.MAV_STATE_ACTIVE
         self.landed_state = mavlink.MAV_LANDED_STATE_IN_AIR
         self.north_m, self.east_m, self.up_m = 10.0, 20.0, 12.0
+        self.home_north_m = 0.0
         self.battery_percent = 80
 
     def frame(self, message: Any) -> bytes:
@@ -84,7 +85,7 @@ class SpeakingAutopilot:
         )
 
     def home(self) -> bytes:
-        point = FRAME.to_geodetic((0.0, 0.0, 0.0))
+        point = FRAME.to_geodetic((self.home_north_m, 0.0, 0.0))
         return self.frame(
             mavlink.MAVLink_home_position_message(
                 round(point.latitude_deg * 1e7),
@@ -147,8 +148,6 @@ def make_table(drone: int, members: tuple[int, ...], *, epoch: int = 1, **change
         slots=tuple((slot, SlotRegister(epoch, member)) for slot, member in enumerate(members)),
         members=(),
         absent=(),
-        order=None,
-        ordered_by=None,
     )
     return msgspec.structs.replace(table, **changes)
 

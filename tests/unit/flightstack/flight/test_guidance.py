@@ -51,6 +51,16 @@ def test_the_heir_crosses_underneath(start: Vector3, target: Vector3) -> None:
         assert not away_from_both or point[2] >= layer_m - 0.7 - STEP_M
 
 
+@settings(max_examples=100, deadline=None)
+@given(places, places, st.tuples(st.floats(-20.0, 20.0), st.floats(-20.0, 20.0)))
+def test_where_something_stands_below_the_slot_the_heir_turns_up_beside_it(
+    start: Vector3, target: Vector3, beside: tuple[float, float]
+) -> None:
+    turn = (target[0] + beside[0], target[1] + beside[1])
+    track = flown(lambda here: underneath(here, target, -2.0, turn), start)
+    assert math.dist(track[-1], target) < 1e-3
+
+
 def hovering(position: Vector3, *, adrift: bool = True, airborne: bool = True) -> Neighbour:
     return Neighbour(9, position, (0.0, 0.0, 0.0), 0.2, airborne, adrift=adrift)
 

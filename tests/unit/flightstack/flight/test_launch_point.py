@@ -5,10 +5,19 @@ from __future__ import annotations
 from flightstack.flight.launch_point import unfit
 from mission.geometry.frames import Geodetic, LocalFrame
 from mission.geometry.geofence import Circle, Geofence, LocalFence
+from mission.geometry.known_obstacles import KnownObstacle, LocalObstacles
 
-FENCE = LocalFence(
-    LocalFrame(Geodetic(-5.06, 151.3, 500.0)), Geofence(inclusion_circles=(Circle(-5.06, 151.3, 100.0),))
-)
+FRAME = LocalFrame(Geodetic(-5.06, 151.3, 500.0))
+FENCE = LocalFence(FRAME, Geofence(inclusion_circles=(Circle(-5.06, 151.3, 100.0),)))
+
+
+def test_beside_an_obstacle_no_survey_starts() -> None:
+    rock = KnownObstacle(corners_north_east_m=((10.0, 0.0), (10.0, 10.0), (20.0, 10.0), (20.0, 0.0)))
+    obstacles = LocalObstacles(FRAME, (rock,), 3.0)
+    assert unfit((0.0, 5.0, 0.0), None, 3.0, 500.0, obstacles) == ""
+    close = unfit((8.0, 5.0, 0.0), None, 3.0, 500.0, obstacles)
+    assert close == "the launch point is 2.0 m from an obstacle, 3 m are to be kept: move the drone"
+    assert "inside an obstacle" in unfit((15.0, 5.0, 0.0), None, 3.0, 500.0, obstacles)
 
 
 def test_inside_the_fence_and_level_with_the_origin_is_fit() -> None:

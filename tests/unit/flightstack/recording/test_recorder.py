@@ -32,7 +32,7 @@ from flightstack.recording.recorder import (
     restore,
     unused,
 )
-from flightstack.swarm.wire import DroneState, MemberRegister, Phase, TableState
+from flightstack.swarm.wire import DroneState, MemberRegister, OrderState, Phase, TableState
 from mission.estimation.estimates import Scalar, Wind
 from mission.strategies.contract import Order, Stage
 from mission.tree.slot_registers import SlotRegister
@@ -70,8 +70,9 @@ TABLE = TableState(
     slots=((0, SlotRegister(0, 1)), (1, SlotRegister(2, 3, 2))),
     members=((2, MemberRegister(0, 0)),),
     absent=(2,),
-    order=Order(4, Stage.TRACK, (1.0, 2.0, -3.0), 0.5),
-    ordered_by=SlotRegister(0, 1),
+)
+ORDERED = OrderState(
+    3, 77, 4, 123, "survey", Order(4, Stage.TRACK, (1.0, 2.0, -3.0), 0.5), SlotRegister(0, 1)
 )
 
 
@@ -105,7 +106,7 @@ def test_records_come_back_in_order_with_their_exact_times(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "message", [STATE, TABLE, Tick(b"\x00\xff", (STATE,), ("a", b"b"), None, {"x": Scalar(1, 2, 3)})]
+    "message", [STATE, TABLE, ORDERED, Tick(b"\x00\xff", (STATE,), ("a", b"b"), None, {"x": Scalar(1, 2, 3)})]
 )
 def test_structs_are_objects_in_the_file_and_structs_again_afterwards(tmp_path, message):
     (record,) = _write(tmp_path / "f.mcap", ("/m", 1.0, message))

@@ -39,6 +39,7 @@ from flightstack.swarm.wire import (
     GroundReport,
     HeardVehicle,
     MemberRegister,
+    OrderState,
     Phase,
     ReadingsState,
     Result,
@@ -62,9 +63,9 @@ STATE = DroneState(
 )  # fmt: skip
 CLAIM = SlotRegister(3, 2, 5)
 TABLE = TableState(
-    2, 1, 1, 0, "survey", ((0, CLAIM), (3, SlotRegister(1))), ((4, MemberRegister(2, 2, -1)),), (4,), ORDER, CLAIM,
-    2,
+    2, 1, 1, 0, "survey", ((0, CLAIM), (3, SlotRegister(1))), ((4, MemberRegister(2, 2, -1)),), (4,), 2,
 )  # fmt: skip
+ORDERED = OrderState(2, 1, 1, 0, "survey", ORDER, CLAIM, 77)
 READINGS = ReadingsState(2, 1, 1, 0, "survey", READING.order, (READING,), (1, 4))
 COMMAND = Command("c1", "ground", 0, CommandName.START)
 replace = msgspec.structs.replace
@@ -83,9 +84,9 @@ def message(topic: Topic, sender: str, content: object) -> PeerMessage:
     [
         STATE,
         TABLE,
+        ORDERED,
         READINGS,
         COMMAND,
-        replace(TABLE, order=None, ordered_by=None),
     ],
 )
 def test_what_a_healthy_node_says_is_believed(good: object) -> None:
@@ -107,11 +108,13 @@ def test_a_drone_without_a_sensor_reports_a_reading_of_infinite_variance() -> No
         replace(STATE, position_age_s=NAN),
         replace(STATE, position_age_s=-1.0),
         replace(TABLE, heals=2**63),
-        replace(TABLE, order=replace(ORDER, sequence=2**64 - 1)),
-        replace(TABLE, order=replace(ORDER, anchor_ned_m=(NAN, 0.0, 0.0))),
-        replace(TABLE, order=replace(ORDER, rotation_rad=INF)),
-        replace(TABLE, order=replace(ORDER, source_ned_m=(0.0, NAN, 0.0))),
-        replace(TABLE, order=replace(ORDER, note=bytes(NOTE_AT_MOST_BYTES + 1))),
+        replace(ORDERED, order=replace(ORDER, sequence=2**64 - 1)),
+        replace(ORDERED, order=replace(ORDER, anchor_ned_m=(NAN, 0.0, 0.0))),
+        replace(ORDERED, order=replace(ORDER, rotation_rad=INF)),
+        replace(ORDERED, order=replace(ORDER, source_ned_m=(0.0, NAN, 0.0))),
+        replace(ORDERED, order=replace(ORDER, source_sd_m=NAN)),
+        replace(ORDERED, order=replace(ORDER, source_sd_m=-1.0)),
+        replace(ORDERED, order=replace(ORDER, note=bytes(NOTE_AT_MOST_BYTES + 1))),
         replace(TABLE, heals=-1),
         replace(TABLE, sequence=2**63),
         replace(TABLE, slots=((0, CLAIM), (0, CLAIM))),
@@ -141,9 +144,8 @@ def test_a_drone_without_a_sensor_reports_a_reading_of_infinite_variance() -> No
         replace(READINGS, readings=(replace(READING, position_ned_m=(INF, 0.0, 0.0)),)),
         replace(READINGS, held=(99,)),
         replace(READINGS, held=(4,) * 10_000),
-        replace(TABLE, order=None),
-        replace(TABLE, ordered_by=None),
-        replace(TABLE, ordered_by=replace(CLAIM, holder=99)),
+        replace(ORDERED, sequence=-1),
+        replace(ORDERED, ordered_by=replace(CLAIM, holder=99)),
         replace(COMMAND, identity=""),
         replace(COMMAND, identity="x" * (LONGEST_WORD + 1)),
         replace(COMMAND, sender="a\nb"),
@@ -196,6 +198,10 @@ def refused_as(admission: Admission, content: object, sender: str) -> RefusalKin
         (TABLE, "2", None),
         (STATE, "2", None),
         (TABLE, "3", RefusalKind.MISNAMED),
+        (ORDERED, "2", None),
+        (ORDERED, "3", RefusalKind.MISNAMED),
+        (replace(ORDERED, frame=9), "2", RefusalKind.FOREIGN_FRAME),
+        (replace(ORDERED, sender=7), "7", RefusalKind.STRANGER),
         (READINGS, "3", RefusalKind.MISNAMED),
         (replace(READINGS, frame=9), "2", RefusalKind.FOREIGN_FRAME),
         (replace(READINGS, sender=7), "7", RefusalKind.STRANGER),
@@ -229,7 +235,7 @@ def test_a_drone_does_not_take_another_for_itself_and_a_ground_station_sees_both
 def test_who_does_not_know_the_swarm_takes_any_member_and_any_frame_but_no_nonsense() -> None:
     admission = Admission()
     claims = ((0, SlotRegister(0, 200)), (1, SlotRegister(2, 201, 2)))
-    far = replace(TABLE, sender=200, frame=9, slots=claims, ordered_by=claims[0][1])
+    far = replace(TABLE, sender=200, frame=9, slots=claims)
     assert admission.admit(sent(far, "200")) == far
     assert refused_as(admission, replace(far, sender=256), "256") is RefusalKind.STRANGER
     assert refused_as(admission, replace(far, slots=((300, CLAIM),)), "200") is RefusalKind.IMPLAUSIBLE
@@ -315,8 +321,8 @@ lives = st.integers(0, 6).flatmap(
     )
     | st.dictionaries(st.sampled_from(MEMBERS), lives).map(lambda told: tuple(told.items())),
     absent=st.lists(counts, max_size=6).map(tuple) | st.sets(st.sampled_from(MEMBERS)).map(tuple),
-    order=st.none() | orders,
-    ordered_by=st.none() | claims | small_claims,
+    order=orders,
+    ordered_by=claims | small_claims,
     read=st.lists(readings, max_size=6).map(tuple),
     position=vectors,
     velocity=vectors,
@@ -326,8 +332,8 @@ def test_no_well_formed_message_ends_an_agent(
     slots: tuple[tuple[int, SlotRegister], ...],
     members: tuple[tuple[int, MemberRegister], ...],
     absent: tuple[int, ...],
-    order: Order | None,
-    ordered_by: SlotRegister | None,
+    order: Order,
+    ordered_by: SlotRegister,
     read: tuple[Reading, ...],
     position: tuple[float, float, float],
     velocity: tuple[float, float, float],
@@ -337,10 +343,9 @@ def test_no_well_formed_message_ends_an_agent(
     frame = flyer.frame.identity
     flyer.step(1.0, Inputs(peers=(message(topics.COMMAND, "ground", COMMAND),)))
     flyer._swarm.begin(1.0, "c1", (0.0, 0.0, -10.0))  # as if its autopilot had been there to accept the start
-    table = TableState(2, 1, 1, frame, "c1", slots, members, absent, order, ordered_by)
-    reported = ReadingsState(
-        2, 1, 1, frame, "c1", order.sequence if order else 0, read, absent, to_anybody=True
-    )
+    table = TableState(2, 1, 1, frame, "c1", slots, members, absent)
+    ordered = OrderState(2, 1, 1, frame, "c1", order, ordered_by)
+    reported = ReadingsState(2, 1, 1, frame, "c1", order.sequence, read, absent, to_anybody=True)
     state = replace(
         STATE,
         frame=frame,
@@ -353,6 +358,7 @@ def test_no_well_formed_message_ends_an_agent(
     traffic = Traffic("ground", frame, (TrafficVehicle(3, position, velocity, mean),))
     peers = (
         message(topics.TABLE, "2", table),
+        message(topics.ORDER, "2", ordered),
         message(topics.READINGS, "2", reported),
         message(topics.STATE, "2", state),
         message(topics.TRAFFIC, "ground", traffic),

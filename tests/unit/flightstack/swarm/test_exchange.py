@@ -1,8 +1,10 @@
-"""The table is told where digests differ, and seldom where they do not."""
+"""Table and order are told where digests differ, and seldom where they do not."""
 
 from __future__ import annotations
 
-from flightstack.swarm.exchange import DIGEST_S, PERIOD_S, REFRESH_S, SHOWN_S, Exchange
+import pytest
+
+from flightstack.swarm.exchange import DIGEST_S, PERIOD_S, REFRESH_S, SHOWN_S, Exchange, OrderExchange
 from flightstack.swarm.peers import PeerFacts
 
 TICK_S = 0.1
@@ -44,3 +46,35 @@ def test_who_is_counted_in_is_shown_within_a_second_though_nobody_has_to_know() 
     assert exchange.is_due(0.0, 7, {}, {1: 0, 2: 1})
     due = [tick for tick in range(1, 40) if exchange.is_due(tick * TICK_S, 7, {}, {1: 0})]
     assert due == [round(SHOWN_S / TICK_S)]
+
+
+def test_an_order_is_told_again_to_whoever_has_since_said_that_it_knows_another() -> None:
+    """At 0.3 s a peer says that it knows the order of before; at 0.5 s it has heard."""
+    exchange = OrderExchange(TICK_S)
+    told = []
+    for tick in range(20):
+        now_s = tick * TICK_S
+        said_s = 0.3 if now_s < 0.5 else 0.5
+        peers = {2: PeerFacts(said_s, True, False, None, 1, 7, 9 if now_s >= 0.5 else 8)} if tick > 2 else {}
+        if exchange.is_due(now_s, 9, peers):
+            told.append(tick)
+    assert told == [0, 3]
+
+
+@pytest.mark.parametrize(
+    "facts",
+    [
+        pytest.param(PeerFacts(0.1, True, False, None, 1, 7, 8), id="said before the order can have come"),
+        pytest.param(PeerFacts(0.3, True, False, None, 1, 0, 8), id="knows of no survey"),
+    ],
+)
+def test_what_a_peer_knew_before_it_was_told_is_no_reason_to_tell_an_order_again(facts: PeerFacts) -> None:
+    exchange = OrderExchange(TICK_S)
+    assert [tick for tick in range(20) if exchange.is_due(tick * TICK_S, 9, {2: facts})] == [0]
+
+
+def test_who_knows_of_no_order_is_told_it_for_as_long_as_it_says_so() -> None:
+    exchange = OrderExchange(TICK_S)
+    states = [PeerFacts(tick * TICK_S, True, False, None, 1, 7) for tick in range(9)]
+    told = [tick for tick, facts in enumerate(states) if exchange.is_due(facts.heard_s, 9, {2: facts})]
+    assert told == [0, 2, 4, 6, 8]

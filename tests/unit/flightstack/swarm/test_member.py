@@ -14,6 +14,7 @@ from flightstack.swarm.wire import (
     CommandName,
     DroneState,
     GroundBeat,
+    OrderState,
     Phase,
     Severity,
     TableState,
@@ -100,8 +101,9 @@ def test_an_order_tells_where_the_own_slot_is() -> None:
     ears.member.begin(ears.now_s, "survey", ANCHOR)
     order = Order(3, Stage.SEARCH, (50.0, 20.0, -10.0), 0.0)
     claims = tuple(configured((1, 2, 3)).items())
-    table = TableState(1, 1, 1, FRAME, "survey", claims, (), (), order, claims[0][1])
-    view = ears.hear(*ears.states(1), (table, "1"))
+    table = TableState(1, 1, 1, FRAME, "survey", claims, (), ())
+    ordered = OrderState(1, 1, 1, FRAME, "survey", order, claims[0][1])
+    view = ears.hear(*ears.states(1), (table, "1"), (ordered, "1"))
     north_m, east_m = LAYOUT.offset_m(1)
     assert view.order == order
     assert view.slot_ned_m == pytest.approx((50.0 + north_m, 20.0 + east_m, -10.0))

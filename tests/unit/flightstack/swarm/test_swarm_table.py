@@ -11,12 +11,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flightstack.swarm.admission import refusal
-from flightstack.swarm.exchange import Exchange
+from flightstack.swarm.exchange import Exchange, OrderExchange
 from flightstack.swarm.peers import Peers
 from flightstack.swarm.swarm_table import SwarmTable
 from flightstack.swarm.table_calm import HEAL_LIMIT_S
-from flightstack.swarm.topics import READINGS, STATE, TABLE
-from flightstack.swarm.wire import TAKING_PART, DroneState, MemberRegister, Phase, ReadingsState, TableState
+from flightstack.swarm.topics import ORDER, READINGS, STATE, TABLE
+from flightstack.swarm.wire import (
+    NO_ORDER,
+    TAKING_PART,
+    DroneState,
+    MemberRegister,
+    OrderState,
+    Phase,
+    ReadingsState,
+    TableState,
+)
 from flightstack.transport.memory import Conditions, MemoryRadio
 from mission.estimation.estimates import Reading
 from mission.geometry.formation import make_layout, rotated
@@ -39,6 +48,7 @@ class Node:
             drone, members, self.layout, frame_identity=FRAME.identity, incarnation=1, suspect_after_s=0.8
         )
         self.exchange = Exchange(TICK_S)
+        self.orders = OrderExchange(TICK_S)
         self.stuck = False
         """It speaks, but its table does not work."""
         self.phase = Phase.SEARCHING
@@ -79,6 +89,7 @@ class Node:
             healing=False,
             tracking_best_ppm=None,
             table_digest=self.table.digest,
+            order_digest=self.table.order_digest,
         )
 
 
@@ -91,7 +102,9 @@ class Network:
         members = members or tuple(range(1, count + 1))
         self.nodes = {drone: Node(drone, members) for drone in members}
         self.radio = MemoryRadio(seed, Conditions(loss=loss))
-        self.transports = {drone: self.radio.join(drone, (TABLE, STATE, READINGS)) for drone in members}
+        self.transports = {
+            drone: self.radio.join(drone, (TABLE, STATE, ORDER, READINGS)) for drone in members
+        }
         self.now_s = 0.0
         self.ticks = 0
         self.dead: set[int] = set()
@@ -111,6 +124,10 @@ class Network:
                     self.transports[node.drone].publish(STATE, STATE.codec.encode(node.state()))
                 if node.exchange.is_due(self.now_s, node.table.digest, node.peers.facts()):
                     self.transports[node.drone].publish(TABLE, TABLE.codec.encode(node.table.message()))
+                ordered = node.table.order_digest
+                if ordered != NO_ORDER and node.orders.is_due(self.now_s, ordered, node.peers.facts()):
+                    payload = ORDER.codec.encode(node.table.order_message())
+                    self.transports[node.drone].publish(ORDER, payload)
                 readings = node.table.readings_message(self.now_s, TICK_S)
                 if readings is not None:
                     self.transports[node.drone].publish(READINGS, READINGS.codec.encode(readings))
@@ -123,7 +140,11 @@ class Network:
                 if node.stuck:
                     continue
                 node.report()
-                told = [message for message in said if isinstance(message, TableState | ReadingsState)]
+                told = [
+                    message
+                    for message in said
+                    if isinstance(message, TableState | OrderState | ReadingsState)
+                ]
                 node.table.step(self.now_s, told, node.peers.facts(), node.decision, node.position)
                 node.decision = None
 
@@ -246,7 +267,7 @@ def test_the_formation_stays_where_it_stopped() -> None:
 
 
 def told(sender: int, survey: str, **changes: Any) -> TableState:
-    plain = TableState(sender, 1, 1, FRAME.identity, survey, (), (), (), None, None)
+    plain = TableState(sender, 1, 1, FRAME.identity, survey, (), (), ())
     return msgspec.structs.replace(plain, **changes)
 
 
@@ -265,6 +286,56 @@ def test_members_listed_in_different_orders_still_give_one_slot_to_each() -> Non
     odd.table.begin(0.0, "survey-1", START)
     network.run(1.0)
     assert sorted(network.agreed().values()) == [0, 1, 2, 3, 4]
+
+
+def test_a_new_order_tells_nobodys_table_again() -> None:
+    network = Network(5)
+    network.run(1.0)
+    digests = {node.table.digest for node in network.live}
+    told = {node.drone: node.table.message().sequence for node in network.live}
+    for sequence in range(2, 6):
+        order = Order(sequence, Stage.SEARCH, START, 0.0)
+        network.nodes[1].decision = Decision(Hold(), order=order)
+        network.run(0.5)
+        assert {node.table.order for node in network.live} == {order}
+        assert len({node.table.order_digest for node in network.live}) == 1
+    assert {node.table.digest for node in network.live} == digests
+    assert {node.drone: node.table.message().sequence - 1 for node in network.live} == told
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_who_missed_an_order_while_its_radio_was_dead_is_told_it(seed: int) -> None:
+    network = Network(5, loss=0.2, seed=seed)
+    network.run(1.0)
+    network.radio.switch_off(4)
+    network.nodes[1].decision = Decision(Hold(), order=Order(9, Stage.SEARCH, START, 0.0))
+    network.run(0.5)
+    before = network.nodes[4].table.order
+    assert before is not None
+    assert before.sequence == 1
+    network.radio.switch_on(4)
+    network.run(1.5)
+    assert network.agreed().keys() == network.nodes.keys()
+    assert network.nodes[4].table.order == network.nodes[1].table.order
+
+
+def test_a_survey_is_joined_only_with_the_order_that_its_members_say_they_know() -> None:
+    network = Network(3)
+    network.nodes[3].table = Node(3, tuple(network.nodes)).table
+    network.nodes[3].table.begin(0.0, "survey-9", START)
+    joiner = network.nodes[3]
+    flown = network.nodes[1].table
+    slots = flown.message().slots
+    state = msgspec.structs.replace(network.nodes[1].state(), table_digest=1, order_digest=2)
+    for tick in range(30):
+        now_s = 1.0 + TICK_S * tick
+        joiner.peers.hear(now_s, msgspec.structs.replace(state, sequence=100 + tick))
+        heard: list[TableState | OrderState | ReadingsState] = [told(1, "survey-1", slots=slots)]
+        if tick == 20:
+            assert joiner.table.survey == "survey-9"
+            heard.append(flown.order_message())
+        joiner.table.step(now_s, heard, joiner.peers.facts(), None, START)
+    assert (joiner.table.survey, joiner.table.order) == ("survey-1", flown.order)
 
 
 def test_only_the_root_orders() -> None:
@@ -350,13 +421,20 @@ def test_a_member_that_tells_whatever_it_likes_cannot_split_the_others_for_good(
                     (drone, MemberRegister(life := chance.randrange(50), chance.randint(-1, life), -1))
                     for drone in members
                 ),
-                order=Order(chance.randrange(1000), Stage.SEARCH, START, 0.0),
-                ordered_by=SlotRegister(
-                    chance.randrange(50), chance.choice(members), chance.randint(0, count)
-                ),
             )
-            assert refusal(lie, members) == ""
-            node.table.step(network.now_s, [lie], node.peers.facts(), None, node.position)
+            ordered = OrderState(
+                liar,
+                1,
+                1,
+                FRAME.identity,
+                "survey-1",
+                Order(chance.randrange(1000), Stage.SEARCH, START, 0.0),
+                SlotRegister(chance.randrange(50), chance.choice(members), chance.randint(0, count)),
+                chance.randrange(1 << 32),
+            )
+            assert refusal(lie, members) == refusal(ordered, members) == ""
+            node.peers.hear(network.now_s, ordered)
+            node.table.step(network.now_s, [lie, ordered], node.peers.facts(), None, node.position)
         network.run(chance.uniform(0.1, 4.0))
     network.dead.add(liar)
     network.run(5.0 * count + 5.0)
@@ -598,7 +676,7 @@ def test_one_that_waits_for_a_slot_and_takes_none_holds_up_nobody_for_ever() -> 
     back = network.nodes[2] = Node(2, tuple(network.nodes))
     back.table.begin(network.now_s, "survey-1", START)
     network.dead = set()
-    network.run(0.2)
+    network.run(TICK_S)
     back.stuck = True
     assert 2 not in network.nodes[1].table.slots
     network.run(HEAL_LIMIT_S + 5.0)

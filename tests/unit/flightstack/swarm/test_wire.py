@@ -17,6 +17,7 @@ from flightstack.swarm.wire import (
     DroneState,
     Event,
     MemberRegister,
+    OrderState,
     Phase,
     ReadingsState,
     Result,
@@ -69,10 +70,18 @@ tables = st.builds(
     slots=st.lists(st.tuples(ids, claims), max_size=4).map(tuple),
     members=st.lists(st.tuples(ids, st.builds(MemberRegister, ids, ids, ids)), max_size=4).map(tuple),
     absent=st.lists(ids, max_size=3).map(tuple),
-    order=st.none()
-    | st.builds(Order, st.integers(0, 9), st.sampled_from(Stage), vectors, number, st.none() | vectors),
-    ordered_by=st.none() | claims,
     heals=st.integers(0, 99),
+    digest=st.integers(0, 2**32 - 1),
+)
+ordered = st.builds(
+    OrderState,
+    sender=ids,
+    incarnation=st.integers(0, 2**31 - 1),
+    sequence=st.integers(0, 2**31 - 1),
+    frame=st.integers(0, 2**32 - 1),
+    survey=st.text(max_size=10),
+    order=st.builds(Order, st.integers(0, 9), st.sampled_from(Stage), vectors, number, st.none() | vectors),
+    ordered_by=claims,
     digest=st.integers(0, 2**32 - 1),
 )
 reports = st.builds(
@@ -93,7 +102,7 @@ events = st.builds(Event, ids, ids, st.sampled_from(Severity), st.text(max_size=
 
 
 @settings(max_examples=100, deadline=None)
-@given(st.one_of(states, tables, reports, commands, outcomes, events))
+@given(st.one_of(states, tables, ordered, reports, commands, outcomes, events))
 def test_every_message_survives_the_codec(message):
     codec = Codec(type(message))
     assert codec.decode(codec.encode(message)) == message
@@ -167,7 +176,7 @@ def test_a_message_of_another_kind_is_never_taken_for_this_one():
 
 
 @settings(max_examples=30, deadline=None)
-@given(st.one_of(states, tables, commands, outcomes, events))
+@given(st.one_of(states, tables, ordered, commands, outcomes, events))
 def test_a_message_is_read_on_its_own_topic_and_on_no_other(message):
     (own,) = (topic for topic in TOPICS.values() if topic.codec.kind is type(message))
     data = own.codec.encode(message)

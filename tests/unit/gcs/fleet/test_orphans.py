@@ -194,6 +194,66 @@ def test_a_companion_heard_over_mavlink_tells_that_the_agent_lives(swarm, keeper
         assert keeper.step(now_s, swarm.tick(now_s)) == []
 
 
+def test_an_agent_that_is_heard_and_says_that_it_flies_nothing_is_believed(swarm, keeper):
+    """It was restarted in the air; that its heartbeats come as well does not make it fly."""
+    run(keeper, swarm, 0.0, 10.0)
+    swarm.talking[2] = {"phase": Phase.DISARMED, "incarnation": 900}
+    mav = mavlink.MAVLink(None, srcSystem=2, srcComponent=191)
+    beat = mavlink.MAVLink_heartbeat_message(18, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3)
+    swarm.beside = lambda: bytes(beat.pack(mav))
+    assert run(keeper, swarm, 10.1, 16.0)
+
+
+def test_a_take_off_whose_agent_died_on_the_ground_is_brought_home(swarm, keeper):
+    swarm.talking[2] = {"phase": Phase.TAKEOFF, "airborne": False}
+    run(keeper, swarm, 0.0, 1.0)
+    del swarm.talking[2]
+    assert run(keeper, swarm, 1.1, 10.0)
+
+
+@pytest.fixture
+def two_orphans(fleet, autopilot):
+    """2 hovers beside the way home of 3."""
+    swarm = fleet()
+    swarm.flying = {2: autopilot(2), 3: autopilot(3)}
+    swarm.flying[3].north_m, swarm.flying[3].east_m, swarm.flying[3].home_north_m = 20.0, 40.0, 6.0
+    return swarm
+
+
+def test_of_two_that_might_meet_on_their_ways_home_one_waits_for_the_other(two_orphans, keeper):
+    swarm = two_orphans
+    run(keeper, swarm, 0.0, 10.0)
+    del swarm.talking[2], swarm.talking[3]
+    requests = run(keeper, swarm, 10.1, 20.0)
+    assert {request.vehicle.source.system for _, request in requests} == {2}
+    swarm.flying[2].mode = 6
+    assert run(keeper, swarm, 20.1, 60.0) == []
+    assert any("after drone 2" in text for text in texts(keeper))
+    swarm.flying[2].armed, swarm.flying[2].landed_state = False, mavlink.MAV_LANDED_STATE_ON_GROUND
+    requests = run(keeper, swarm, 60.1, 62.0)
+    assert {request.vehicle.source.system for _, request in requests} == {3}
+
+
+def test_nobody_waits_for_ever(two_orphans, keeper):
+    swarm = two_orphans
+    run(keeper, swarm, 0.0, 1.0)
+    del swarm.talking[2], swarm.talking[3]
+    run(keeper, swarm, 1.1, 7.0)
+    swarm.flying[2].mode = 6
+    requests = run(keeper, swarm, 7.1, 310.0, step_s=0.5)
+    assert [request.vehicle.source.system for _, request in requests][:1] == [3]
+    assert requests[0][0] > 300.0
+
+
+def test_two_far_apart_are_brought_home_together(two_orphans, keeper):
+    swarm = two_orphans
+    swarm.flying[3].north_m, swarm.flying[3].east_m = 26.0, -40.0
+    run(keeper, swarm, 0.0, 10.0)
+    del swarm.talking[2], swarm.talking[3]
+    requests = run(keeper, swarm, 10.1, 16.0)
+    assert {request.vehicle.source.system for _, request in requests} == {2, 3}
+
+
 def test_surveying_drones_that_count_it_in_tell_that_the_agent_lives(swarm, keeper, table):
     swarm.tables = {1: table(1, (1, 2, 3)), 3: table(3, (1, 2, 3))}
     run(keeper, swarm, 0.0, 10.0)

@@ -15,6 +15,7 @@ from mission.estimation.source import estimate_source
 from mission.geometry.formation import Hexagonal
 from mission.strategies.arrival import Arrival
 from mission.strategies.contract import Observation, Order, OwnState, Stage, TreePlace
+from mission.strategies.entry import StrategyEntry
 from mission.strategies.locus.gradient import plane_gradient, waypoint_uphill
 from mission.strategies.locus.note import LocusNote, noted
 from mission.strategies.locus.spiral import arm_spacing_m, spiral_index, spiral_point
@@ -26,6 +27,7 @@ from mission.strategies.mobs import (
     mobs_begin,
     mobs_next,
 )
+from mission.strategies.reactive import ReactiveStrategy
 from mission.strategies.registry import BUILT_IN, make
 from mission.strategies.spokes import GOLDEN
 
@@ -210,9 +212,14 @@ def test_few_readings_give_their_strongest_place() -> None:
     assert estimate_source([reading], 10.0) == (3.0, 4.0, -10.0)
 
 
-@pytest.mark.parametrize("name", BUILT_IN)
+@pytest.mark.parametrize("name", [entry.name for entry in BUILT_IN.values() if entry.ticks is None])
 def test_every_strategy_is_made_by_its_name(name: str) -> None:
     assert type(make(name, layout=Hexagonal(10.0), start_ned_m=[1, 2, -3])) is BUILT_IN[name].make
+
+
+@pytest.mark.parametrize("entry", [entry for entry in BUILT_IN.values() if entry.ticks is not None])
+def test_every_rule_is_made_a_strategy_by_its_name(entry: StrategyEntry) -> None:
+    assert isinstance(make(entry.name, layout=Hexagonal(10.0)), ReactiveStrategy)
 
 
 def test_what_a_strategy_is_not_given_right_is_said_in_one_line() -> None:

@@ -12,8 +12,8 @@ import pytest
 
 from simvehicle.experiments.experiment import ExperimentReport, Options
 from simvehicle.experiments.locus.definitions import define
-from simvehicle.experiments.page import cell_csv, cell_table, write_report
-from simvehicle.experiments.table import full, summarise
+from simvehicle.experiments.page import cell_csv, write_report
+from simvehicle.experiments.table import cell_table, full, summarise
 from simvehicle.trials.cell import Cell
 from simvehicle.trials.outcome import run_cell
 from simvehicle.trials.trials_error import TrialsError

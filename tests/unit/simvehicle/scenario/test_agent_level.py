@@ -9,6 +9,8 @@ import msgspec
 import pytest
 from typer.testing import CliRunner
 
+from flightstack.mavlink.modes import Duty, Flavour, mode_of
+from flightstack.swarm.wire import CommandName
 from flightstack.transport.memory import Conditions, MemoryRadio
 from flightstack.transport.radio_model import RadioModel
 from flightstack.transport.terrain import Ridge
@@ -17,7 +19,8 @@ from simvehicle.faults.fault_table import SwarmFaultSpec
 from simvehicle.faults.schedule import SwarmFaultSchedule
 from simvehicle.scenario.afflicted_swarm import AfflictedSwarm
 from simvehicle.scenario.agent_level import AgentFlight, fly_scenario
-from simvehicle.scenario.own_matters import astray, kept_up
+from simvehicle.scenario.ground_keeper import GroundKeeper
+from simvehicle.scenario.own_matters import OwnReturns, astray, kept_up
 from simvehicle.scenario.scenario_file import parse_scenario
 from simvehicle.scenario.swarm import GROUND, Scenario
 from simvehicle.survey.draft import draft, in_process
@@ -135,6 +138,56 @@ def test_a_vehicle_that_does_not_know_where_it_is_is_not_judged_by_where_it_is()
     flight.run(3.0)
     assert not astray(member)
     assert kept_up(flight, swarm, ground_brings_home=True) == {}
+
+
+def in_the_air(flavour: str = "ardupilot") -> Scenario:
+    """Three drones on their way up."""
+    scenario = parse_scenario(SHORT.replace("FLAVOUR", flavour), "short")
+    parts = draft(scenario.survey, in_process(scenario.survey))
+    flight = Scenario(parts.drones, parts.fleet, ground_beats=True)
+    flight.run(2.0)
+    flight.command(CommandName.START)
+    assert flight.run_until(lambda: all(m.vehicle.airborne for m in flight.members.values()), 30.0)
+    return flight
+
+
+def test_an_agent_that_was_started_in_the_air_leaves_its_vehicle_to_the_ground_station() -> None:
+    flight = in_the_air()
+    swarm, keeper = AfflictedSwarm(flight), GroundKeeper(flight)
+    keeper.step()
+    flight.start_again(2)
+    assert kept_up(flight, swarm, ground_brings_home=False).keys() == {2}
+    assert kept_up(flight, swarm, ground_brings_home=True) == {}
+    sent: list[int] = []
+    assert flight.run_until(lambda: bool(sent.extend(keeper.step()) or sent), 7.0)
+    assert sent == [2]
+
+
+def test_a_ground_station_leaves_vehicles_alone_whose_agents_run_unheard() -> None:
+    flight = in_the_air()
+    keeper = GroundKeeper(flight)
+    keeper.step()
+    flight.radio.switch_off(2)
+    sent: list[int] = []
+    flight.run_until(lambda: bool(sent.extend(keeper.step())), 8.0)
+    assert sent == []
+
+
+def test_of_two_ways_home_by_themselves_none_is_judged_but_that_of_one_that_was_sent() -> None:
+    flight = in_the_air()
+    keeper = GroundKeeper(flight)
+    returns = OwnReturns(flight, keeper)
+    for drone in (1, 2):
+        flight.members[drone].vehicle.switch_mode(mode_of(Flavour.ARDUPILOT, Duty.RETURN))
+        returns.look()
+        flight.step()
+    returns.look()
+    assert returns.meet_by_themselves((1, 2))
+    assert not returns.meet_by_themselves((1, 3)), "its agent steers the third"
+    keeper.sent.add(1)
+    assert returns.meet_by_themselves((1, 2)), "the second did not ask whether it could"
+    keeper.sent.add(2)
+    assert not returns.meet_by_themselves((1, 2))
 
 
 def test_an_error_in_an_agent_is_a_violation(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -193,7 +193,7 @@ class Heard:
         survey: str = "s",
     ) -> None:
         slots = tuple(configured((1, 2, 3)).items())
-        told = TableState(sender, 1, 1, 7, survey, slots, tuple(members), absent, None, None)
+        told = TableState(sender, 1, 1, 7, survey, slots, tuple(members), absent)
         self.watch.hear(now_s, topics.TABLE, topics.TABLE.codec.encode(told))
 
     def state(self, now_s: float, phase: Phase, slot: int | None, *, healing: bool = False) -> None:

@@ -157,6 +157,14 @@ def test_times_and_error_come_from_the_orders() -> None:
     assert (got.time_to_contact_s, got.time_to_source_s, got.source_error_m) == (21.0, 44.0, 5.0)
     assert (got.heals, got.missed_deadline_fraction, got.min_separation_m) == (2, 0.003, 20.0)
     assert (got.drones, got.alive) == (2, 2)
+    assert got.source_sd_m is None
+
+
+def test_how_well_the_source_is_known_is_told_where_the_swarm_says_so() -> None:
+    found = Order(3, Stage.FOUND, (5.0, 0.0, -10.0), 0.0, (33.0, 44.0, -10.0), source_sd_m=3.456)
+    got = summarise({1: track(1, 0.0)}, Log(orders=(OrderMark(44.0, found),)))
+    assert got.source_sd_m == 3.46
+    assert "source after 44 s, 5.0 m off, standard deviation told 3.5 m" in words(got)
 
 
 def test_a_survey_of_which_nothing_is_known() -> None:

@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from flightstack.swarm import topics, wire
-from flightstack.swarm.wire import CommandName, DroneState, Phase, Result, TableState
+from flightstack.swarm.wire import CommandName, DroneState, OrderState, Phase, Result, TableState
 from mission.estimation.estimates import Scalar
 from mission.strategies.contract import Order, Stage
 from mission.tree.slot_registers import configured
@@ -74,8 +74,10 @@ class SupervisedSwarm:
             sequence, stage, (0.0, 0.0, -10.0), 0.0, (1.0, 2.0, -10.0) if stage is Stage.FOUND else None
         )
         claims = tuple(configured((1, 2, 3)).items())
-        table = TableState(1, 1, 1, 7, "survey", claims, (), (), order, claims[0][1])
+        table = TableState(1, 1, 1, 7, "survey", claims, (), ())
         self.watch.hear(self.now_s, topics.TABLE, topics.TABLE.codec.encode(table))
+        ordered = OrderState(1, 1, 1, 7, "survey", order, claims[0][1])
+        self.watch.hear(self.now_s, topics.ORDER, topics.ORDER.codec.encode(ordered))
 
     def world(self, airborne: Iterable[int] = (), drones: Iterable[int] = (1, 2, 3)) -> None:
         flying = set(airborne)

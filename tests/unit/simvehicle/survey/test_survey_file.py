@@ -29,6 +29,16 @@ EXAMPLES = pathlib.Path(__file__).parents[4] / "examples"
 GOOD = (EXAMPLES / "survey.yaml").read_text(encoding="utf-8")
 
 
+BOX = "type: rectangle, centre_north_m: {}, centre_east_m: {}, length_north_m: 10, length_east_m: 10"
+BLOCK = f"obstacles:\n- {{{{{BOX}}}}}\n"
+SECOND = f"obstacles:\n- {{{{{BOX}, unknown: true}}}}\n- {{{{{BOX}}}}}\n"
+RING = (
+    "obstacles:\n- {type: polygon, top_above_home_m: 30, corners_north_east_m: [[-9, -24], [-9, -12], [-21, -12], "
+    "[-21, -24], [-14, -24], [-14, -23], [-20, -23], [-20, -14], [-11, -14], [-11, -24]]}\n"
+)
+"""Around drone 1 of a launch line with wide spacing; its opening is narrower than two margins."""
+
+
 def refused(tmp_path: pathlib.Path, text: str) -> str:
     path = tmp_path / "survey.yaml"
     path.write_text(text, encoding="utf-8")
@@ -140,6 +150,14 @@ def test_a_file_that_is_not_text(tmp_path: pathlib.Path) -> None:
         ("seed: 1", "seed: 1\nradio: {bandwidth_bytes_per_s: 9e3}", ["radio.bandwidth", "only scenarios"]),
         ("seed: 1", "seed: 1\nradio: {dead_links: [[1, 9]]}", ["radio.dead_links[0]", "there is no 9"]),
         ("geofence:", "geofence:\n  file: none.plan", ["geofence.file", "not both"]),
+        ("seed: 1", f"seed: 1\n{BLOCK.format(-14, 4)}", ["obstacles[0]", "slot 4", "inside this obstacle"]),
+        ("seed: 1", f"seed: 1\n{SECOND.format(-14, 4, -14, 4)}", ["obstacles[1]", "forms up", "slot 4"]),
+        ("seed: 1", f"seed: 1\n{BLOCK.format(-8.5, -16.2)}",
+         ["launch_line: drone 1's launch point is 2.0 m from an obstacle", "obstacle_margin_m = 3 m", "move it"]),
+        ("  spacing_m: 6.0\n  towards_deg: 50.0\n", f"  spacing_m: 12.0\n  towards_deg: 50.0\n{RING}",
+         ["launch_line: drone 1's launch point has no way", "layer 15 m high"]),
+        ("seed: 1", "seed: 1\nobstacles: [{type: polygon, corners_north_east_m: [[0, 0], [1, 0]]}]",
+         ["obstacles[0].corners_north_east_m", "length >= 3"]),
     ],
 )  # fmt: skip
 def test_what_cannot_be_flown(tmp_path: pathlib.Path, before: str, after: str, expected: list[str]) -> None:

@@ -1,0 +1,1 @@
+"""Seven vehicles in a hexagon, flown from waypoint to waypoint: casting, chemotaxis, anemotaxis, fluxotaxis."""

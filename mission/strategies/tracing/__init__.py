@@ -1,0 +1,1 @@
+"""Physicomimetic swarms of any size that trace a plume: casting, chemotaxis, anemotaxis, fluxotaxis."""

@@ -1,0 +1,149 @@
+"""One row a cell of traced plumes: arrival, localisation, success; non-arrivals count as the limit of steps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from simvehicle.experiments.experiment import Listing, Summary
+from simvehicle.experiments.statistics import Floats, Interval, wilson
+from simvehicle.experiments.table import percent
+from simvehicle.experiments.tracing.traced_cells import TracedCell
+
+_CONFIDENCE = 0.95
+_MOST_ROWS = 60
+
+
+def select(rows: pd.DataFrame, cell: TracedCell) -> pd.DataFrame:
+    """The rows of one cell, by world and trial."""
+    mine = (
+        (rows["strategy"] == cell.strategy)
+        & (rows["robots"] == cell.robots)
+        & (rows["regime"] == cell.regime)
+        & (rows["obstacle_share"] == cell.obstacle_share)
+        & (rows["condition"] == cell.condition)
+    )
+    return rows[mine].sort_values(["world", "trial"])
+
+
+def arrivals(rows: pd.DataFrame) -> Floats:
+    """Steps to arrival, the limit where nobody arrived (censored)."""
+    found: Floats = rows["arrival_steps"].fillna(rows["limit_steps"]).to_numpy(dtype=np.float64)
+    return found
+
+
+def mean_interval(rows: pd.DataFrame, values: Floats) -> Interval:
+    """Of the mean, by Student's t over the worlds' means, for trials of one world are not independent; of a single
+    world over its trials."""
+    means = pd.Series(values).groupby(rows["world"].to_numpy()).mean().to_numpy()
+    if len(means) < 2:
+        means = values
+    if len(means) < 2:
+        return math.nan, math.nan
+    half = float(
+        stats.t.ppf(0.5 + 0.5 * _CONFIDENCE, len(means) - 1) * means.std(ddof=1) / math.sqrt(len(means))
+    )
+    return float(means.mean()) - half, float(means.mean()) + half
+
+
+def summarise(rows: pd.DataFrame, cell: TracedCell) -> Summary:
+    """The JSON row of a cell."""
+    mine = select(rows, cell)
+    trials, arrived = len(mine), int(mine["success"].sum())
+    steps = arrivals(mine)
+    localised = mine["localisation"].to_numpy(dtype=np.float64)
+    low, high = wilson(arrived, trials)
+    arrival_low, arrival_high = mean_interval(mine, steps) if trials else (math.nan, math.nan)
+    localisation_low, localisation_high = mean_interval(mine, localised) if trials else (math.nan, math.nan)
+    return {
+        "strategy": cell.strategy,
+        "robots": cell.robots,
+        "regime": cell.regime,
+        "obstacle_share": cell.obstacle_share,
+        "condition": cell.condition,
+        "trials": trials,
+        "arrival_steps_mean": _number(steps.mean()) if trials else None,
+        "arrival_steps_low": _number(arrival_low),
+        "arrival_steps_high": _number(arrival_high),
+        "arrival_steps_median": _number(np.median(steps)) if trials else None,
+        "censored": trials - arrived,
+        "localisation_mean": _number(localised.mean()) if trials else None,
+        "localisation_low": _number(localisation_low),
+        "localisation_high": _number(localisation_high),
+        "success_rate": arrived / trials if trials else None,
+        "success_low": low,
+        "success_high": high,
+        "contact_steps_mean": _number(mine["contact_steps"].mean()),
+        "lost_mean": _number(mine["lost"].mean()),
+        "intermittency": _number(mine["intermittency"].mean()),
+        "peak_to_mean": _number(mine["peak_to_mean"].mean()),
+    }
+
+
+def markdown(name: str, summaries: Sequence[Summary]) -> str:
+    """The cells, a row each; of many those of the largest and smallest swarm, and where the rest is."""
+    shown = list(summaries)
+    text = ""
+    if len(shown) > _MOST_ROWS:
+        sizes = sorted({one["robots"] for one in shown})
+        shown = [one for one in shown if one["robots"] in (sizes[0], sizes[-1])]
+        text = f"All {len(summaries)} cells with all columns are in [{name}.csv]({name}.csv).\n\n"
+    some = len({one["condition"] for one in shown}) > 1
+    head = ["strategy", "robots", "regime", "obstacles", *(["condition"] if some else [])]
+    head += ["trials", "arrived", "arrival, steps", "95 %", "median", "localisation", "95 %"]
+    text += "| " + " | ".join(head) + " |\n| " + " | ".join("---" for _ in head) + " |\n"
+    for one in shown:
+        cells = [one["strategy"], str(one["robots"]), one["regime"], share_words(one["obstacle_share"])]
+        cells += [one["condition"]] if some else []
+        text += "| " + " | ".join([*cells, *_numbers(one)]) + " |\n"
+    return text
+
+
+def listing(summaries: Sequence[Summary]) -> Listing:
+    """The table for a terminal."""
+    heads = ("strategy", "robots", "regime", "obstacles", "condition")
+    rows = [
+        [
+            one["strategy"],
+            str(one["robots"]),
+            one["regime"],
+            share_words(one["obstacle_share"]),
+            one["condition"],
+            *_numbers(one),
+        ]
+        for one in summaries
+    ]
+    numbers = ("trials", "arrived", "arrival", "95 %", "median", "localisation", "95 %")
+    return Listing(
+        "arrival in steps, who did not arrive counts as the limit", (*heads, *numbers), len(heads), rows
+    )
+
+
+def share_words(share: float) -> str:
+    return f"{100.0 * share:g} %"
+
+
+def _numbers(one: Summary) -> list[str]:
+    return [
+        str(one["trials"]),
+        percent(one, "success_rate") if one["trials"] else "-",
+        _whole(one["arrival_steps_mean"]),
+        f"{_whole(one['arrival_steps_low'])}..{_whole(one['arrival_steps_high'])}",
+        _whole(one["arrival_steps_median"]),
+        _whole(one["localisation_mean"]),
+        f"{_whole(one['localisation_low'])}..{_whole(one['localisation_high'])}",
+    ]
+
+
+def _whole(value: float | None) -> str:
+    return "-" if value is None else f"{value:.0f}"
+
+
+def _number(value: Any) -> float | None:
+    number = float(value)
+    return number if math.isfinite(number) else None
