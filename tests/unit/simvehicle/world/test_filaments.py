@@ -20,6 +20,8 @@ from simvehicle.world.grid_wind import GridWind
 from simvehicle.world.obstacles import Obstacles
 from simvehicle.world.wind import GustyWind
 from simvehicle.world.world_config import (
+    AnyWindConfig,
+    BoundaryLayerWindConfig,
     FilamentPlume,
     FilamentSource,
     FlatFilamentPlume,
@@ -27,6 +29,7 @@ from simvehicle.world.world_config import (
     GridWindConfig,
     PolygonalObstacle,
     RectangularObstacle,
+    ThermalsConfig,
     WindConfig,
     WorldConfig,
 )
@@ -325,6 +328,42 @@ def test_it_changes_steadily_between_its_steps() -> None:
     series = [model.excess_co2_ppm((5.0, -30.0, -10.0), 20.0 + 0.01 * i) for i in range(2000)]
     assert max(series) > 50.0
     assert np.abs(np.diff(series)).max() < 0.05 * max(series)
+
+
+@pytest.mark.parametrize(
+    "wind",
+    [
+        BoundaryLayerWindConfig(thermals=ThermalsConfig()),
+        GridWindConfig(length_m=200.0, roughness_m=0.1),
+        GridWindConfig(length_m=200.0, regime="turbulent"),
+        WindConfig(speed_mps=0.0),
+    ],
+)  # fmt: skip
+def test_every_wind_carries_puffs(wind: AnyWindConfig) -> None:
+    """Between rocks, one of which they fly over; two worlds of one file are one, however often they are asked."""
+    tower = RectangularObstacle(
+        centre_north_m=20.0, centre_east_m=-20.0, length_north_m=9.0, length_east_m=9.0, top_above_home_m=8.0
+    )
+    wall = RectangularObstacle(
+        centre_north_m=-20.0, centre_east_m=-20.0, length_north_m=9.0, length_east_m=9.0
+    )
+    config = WorldConfig(
+        origin=Geodetic(14.38, -90.6, HOME_AMSL_M),
+        wind=wind,
+        plume=UPRIGHT,
+        obstacles=(tower, wall),
+        seed=2**40 + 1,
+    )
+    often, once = make_world(config), make_world(config)
+    for time_s in np.arange(0.0, 30.0, 0.7).tolist():
+        assert math.isfinite(often.co2_ppm((5.0, -10.0, -6.0), time_s))
+    assert isinstance(often.gas, Filaments)
+    assert isinstance(once.gas, Filaments)
+    found, expected = often.gas.puffs(40.0), once.gas.puffs(40.0)
+    assert len(expected.radii_m) > 40
+    assert np.isfinite(expected.positions_ned_m).all()
+    assert np.array_equal(found.positions_ned_m, expected.positions_ned_m)
+    assert once.obstacles.clearances_m(expected.positions_ned_m).min() > 0.0
 
 
 @settings(max_examples=60, deadline=None)
