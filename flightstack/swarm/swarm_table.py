@@ -232,8 +232,8 @@ class SwarmTable:
                 self._relay.hear(now_s, told_readings, self.slots)
         if decision is not None and decision.reading is not None and self.member:
             self._relay.note(now_s, decision.reading)
-        moving = [drone for drone, peer in peers.items() if peer.moving and now_s - peer.heard_s < POSITION_S]
-        self._calm.look(now_s, somebody_moves=any(drone in self.slots for drone in moving))
+        moving = {drone for drone, peer in peers.items() if peer.moving and now_s - peer.heard_s < POSITION_S}
+        self._calm.look(now_s, somebody_moves=not moving.isdisjoint(self.slots))
         now_in = self.slots.get(self._drone)
         return TreeNews(
             lost=lost,
