@@ -100,7 +100,8 @@ def _checked(name: str, kind: type[msgspec.Struct], parameters: dict[str, Any]) 
         return msgspec.convert(parameters, kind)
     except msgspec.ValidationError as error:
         problem, _, where = str(error).partition(" - at `$.")
-        raise ValueError(f"strategy {name}: {where.rstrip('`')}: {problem}") from error
+        field = f"{where.rstrip('`')}: " if where else ""  # what concerns several fields has no one place
+        raise ValueError(f"strategy {name}: {field}{problem}") from error
 
 
 def _package(point: importlib.metadata.EntryPoint) -> str:

@@ -35,10 +35,13 @@ EXPERIMENTS = (
     "locus-2",
     "locus-3",
     "locus-4",
+    "fluxo-1",
+    "fluxo-2",
     "fluxo-3",
     "fluxo-4",
     "forces-small",
     "forces-large",
+    "tracing",
 )
 """Of `simvehicle.experiments.papers`, which takes long to import."""
 

@@ -27,6 +27,7 @@ from simvehicle.drone.drone_spec import EmulatedInstrument, VehicleSpec
 from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.survey.survey_file import GROUND_STATION, Survey, SurveyDrone, known_obstacles
 from simvehicle.vehicle.dynamics import DRAG_PER_S
+from simvehicle.vehicle.range_finder import RangeFinderConfig
 
 AGENT_START_WALL_S = 60.0
 """How long agents may take to start before the ground station wonders about them."""
@@ -150,7 +151,7 @@ def draft(survey: Survey, addresses: Addresses) -> Draft:
     fleet = FleetConfig(
         origin=config.origin,
         vehicles=tuple(
-            _vehicle(drone, own, addresses.ground_mavlink)
+            _vehicle(drone, own, addresses.ground_mavlink, config.range_finder)
             for drone, own in zip(survey.drones, addresses.drones, strict=True)
         ),
         wind=config.wind,
@@ -187,7 +188,9 @@ def _radio(survey: Survey, directory: pathlib.Path) -> SharedRadio | None:
     )
 
 
-def _vehicle(drone: SurveyDrone, own: DroneAddresses, ground_mavlink: str) -> VehicleSpec:
+def _vehicle(
+    drone: SurveyDrone, own: DroneAddresses, ground_mavlink: str, range_finder: RangeFinderConfig | None
+) -> VehicleSpec:
     return VehicleSpec(
         id=drone.id,
         flavour=drone.flavour,
@@ -198,6 +201,7 @@ def _vehicle(drone: SurveyDrone, own: DroneAddresses, ground_mavlink: str) -> Ve
             EmulatedInstrument(name=i.name, type=i.type, port=port)
             for i, port in zip(drone.instruments or (), own.instruments, strict=True)
         ),
+        range_finder=range_finder,
         quiet=True,  # a real PX4's unasked streams would cost as much as everything else in a simulated swarm
         parameters=drone.parameters,
     )
@@ -287,12 +291,15 @@ def _failsafe_parameters(survey: Survey, drone: SurveyDrone) -> dict[str, float]
     """What the agent sets on its autopilot for the time when there is no agent any more.
 
     Each drone returns at an altitude of its own (`flightstack.flight.layers`), also from nearby, and does not wait
-    over home; an ArduPilot follows the last velocity for 1 s instead of 3, a PX4 comes home when its agent dies.
+    over home; an ArduPilot follows the last velocity for 1 s instead of 3, a PX4 comes home when its agent dies. What
+    the survey's file says of them for this drone is taken as meant.
     """
     config, members = survey.config, [one.id for one in survey.drones]
     above_home_m = layers_of(drone.id, members, config.formation, config.limits).autopilot_above_home_m
     if drone.flavour == "ardupilot":
         centimetres = round(above_home_m * 100.0)
-        return {"RTL_ALT": centimetres, "RTL_CONE_SLOPE": 0.0, "RTL_LOIT_TIME": 0.0, "GUID_TIMEOUT": 1.0}
-    altitudes = {"RTL_RETURN_ALT": above_home_m, "RTL_DESCEND_ALT": above_home_m}
-    return altitudes | {"RTL_CONE_ANG": 0.0, "COM_OBL_RC_ACT": 3.0}
+        set_so = {"RTL_ALT": centimetres, "RTL_CONE_SLOPE": 0.0, "RTL_LOIT_TIME": 0.0, "GUID_TIMEOUT": 1.0}
+    else:
+        set_so = {"RTL_RETURN_ALT": above_home_m, "RTL_DESCEND_ALT": above_home_m}
+        set_so |= {"RTL_CONE_ANG": 0.0, "COM_OBL_RC_ACT": 3.0}
+    return set_so | {name: value for name, value in drone.parameters.items() if name in set_so}

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from mission.geometry.frames import LocalFrame
 from simvehicle.world.air import World
+from simvehicle.world.boundary_layer import BoundaryLayerWind
 from simvehicle.world.fields import OPEN_GROUND, WindField
 from simvehicle.world.gas import make_gas
 from simvehicle.world.obstacles import Obstacles
 from simvehicle.world.wind import GustyWind
-from simvehicle.world.world_config import AnyWindConfig, WindConfig, WorldConfig
+from simvehicle.world.world_config import AnyWindConfig, BoundaryLayerWindConfig, WindConfig, WorldConfig
 
 
 def make_world(config: WorldConfig) -> World:
@@ -28,6 +29,8 @@ def make_wind(config: AnyWindConfig, seed: int, obstacles: Obstacles) -> WindFie
     """The wind that a configuration describes, around what stands in it."""
     if isinstance(config, WindConfig):
         return GustyWind(config, seed)
+    if isinstance(config, BoundaryLayerWindConfig):
+        return BoundaryLayerWind(config, seed)
     # Loaded where it is asked for: who flies in a uniform wind starts without a solver.
     from simvehicle.world.grid_wind import GridWind
 

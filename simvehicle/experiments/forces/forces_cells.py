@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import msgspec
+import numpy as np
 import pandas as pd
 
 from simvehicle.experiments.experiment import Experiment, Options, Summary
@@ -104,7 +105,8 @@ def select(rows: pd.DataFrame, cell: ForcesCell) -> pd.DataFrame:
 def times_s(mine: pd.DataFrame) -> Floats:
     """Search times of some rows; of those that did not arrive the limit, by which they had not."""
     steps = mine["arrival_steps"].fillna(mine["limit_steps"])
-    return (steps * mine["step_s"]).to_numpy(dtype=float)
+    found: Floats = (steps * mine["step_s"]).to_numpy(dtype=np.float64)
+    return found
 
 
 def summarise(rows: pd.DataFrame, cell: Any) -> Summary:

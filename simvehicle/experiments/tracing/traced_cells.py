@@ -4,21 +4,54 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import msgspec
 
+from mission.strategies.registry import names
 from simvehicle.experiments.experiment import Experiment, Options
 from simvehicle.trials.cell import Cell
+from simvehicle.trials.tracing.swarm_flight import Vehicles
 from simvehicle.trials.tracing.traced_world import REGIMES, Regime, TracedWorld
 from simvehicle.trials.trials_error import TrialsError
 
 STRATEGIES = ("casting", "chemotaxis", "anemotaxis", "fluxotaxis")
 """The paper's."""
-RANKED: tuple[str, ...] = (*STRATEGIES, "virtual-forces", "upwind", "surge-cast", "spiral-surge", "infotaxis")
-"""Those of `tracing`, of which the registry may know some only."""
+RANKED = (
+    *STRATEGIES,
+    "virtual-forces",
+    "upwind",
+    "surge-cast",
+    "spiral-surge",
+    "infotaxis",
+    "cooperative-infotaxis",
+)
+"""Of `tracing`: those of them that the registry knows."""
+_SMALL = (
+    ("speed_mps", 0.1),
+    ("upwind", 4.0),
+    ("repulsion_m3ps", 0.15),
+    ("obstacle_m3ps", 0.003),
+    ("near_m", 0.5),
+    ("sight_m", 0.5),
+    ("least_m", 0.03),
+)
+_PARAMETERS: dict[str, tuple[tuple[str, float], ...]] = {
+    "upwind": _SMALL,
+    "virtual-forces": (
+        *_SMALL,
+        ("gradient_m2ps", 2.3),
+        ("attraction_m3ps", 0.01),
+        ("far_m", 0.8),
+        ("range_m", 1.0),
+    ),
+}
+"""Of strategies whose defaults are for drones: their paper's large arena with lengths times 5/22 (R1 is 0.5 m) and
+speeds times 1/5, which are those of the robots here."""
 _TITLES = {
     "fluxo-3": "Arrival and localisation among obstacles",
     "fluxo-4": "Arrival and localisation of large swarms",
+    "tracing": "All strategies ranked",
 }
 NAMES = tuple(_TITLES)
 
@@ -58,8 +91,18 @@ _SIZES: dict[str, tuple[Size, Size, Size]] = {
         Size(9, 4, (10, 50, 100, 150)),
         Size(10, 30, tuple(range(10, 151, 10))),
     ),
+    "tracing": (Size(3, 2, (20,)), Size(6, 4, (20,)), Size(30, 10, (7, 20, 50))),
 }
-"""Quick, usual, full: the last is the paper's."""
+"""Quick, usual, full: of the paper's experiments the last is the paper's."""
+_SOURCE_MPS = 0.003
+_CONDITIONS: dict[str, dict[str, Any]] = {
+    "plain": {},
+    "slow, noisy sensors": {"vehicles": Vehicles(range_m=1.0, lag_s=6.0, noise=1e-4, detection=3e-4)},
+    "two sources": {"sources": 2},
+    "a moving source": {"source_mps": _SOURCE_MPS},
+    "half of the members lost": {"vehicles": Vehicles(range_m=1.0, loss_rate=1e-4)},
+}
+"""What `tracing` changes of its worlds. A member of two is lost by the end of 7,000 steps; the source moves 25 m."""
 
 
 class TracedCell(msgspec.Struct, frozen=True):
@@ -83,8 +126,13 @@ def define(name: str, options: Options) -> Experiment:
         raise TrialsError(f"--worlds must be at least 1, not {worlds}")
     if starts < 1:
         raise TrialsError(f"--trials must be at least 1, not {starts}")
-    strategies = tuple(dict.fromkeys(options.strategies)) or STRATEGIES
+    strategies = tuple(dict.fromkeys(options.strategies)) or (
+        tuple(one for one in RANKED if one in names()) if name == "tracing" else STRATEGIES
+    )
     robots = tuple(sorted(set(options.sizes))) or size.robots
+    parameters = tuple(
+        (strategy, *changed) for strategy in strategies for changed in _PARAMETERS.get(strategy, ())
+    )
     flown = tuple(
         TracedWorld(
             number=number,
@@ -93,8 +141,12 @@ def define(name: str, options: Options) -> Experiment:
             obstacle_m=obstacle_m,
             obstacle_share=share,
             strategies=strategies,
+            parameters=parameters,
             robots=robots,
+            condition=condition,
+            **changes,
         )
+        for condition, changes in (_CONDITIONS if name == "tracing" else {"plain": {}}).items()
         for number, regime, (obstacles, obstacle_m, share) in itertools.islice(
             _plan(name, _regimes(options)), worlds
         )
@@ -108,7 +160,7 @@ def cells_of(worlds: Sequence[TracedWorld]) -> tuple[TracedCell, ...]:
     """One for each strategy and swarm size in each kind of world."""
     kinds = sorted(
         {(REGIMES.index(world.regime), world.obstacle_share, world.condition) for world in worlds},
-        key=lambda kind: (kind[2] != "plain", kind[2], kind[0], kind[1]),
+        key=lambda kind: (list(_CONDITIONS).index(kind[2]), kind[0], kind[1]),
     )
     return tuple(
         TracedCell(strategy, robots, REGIMES[regime], share, condition)

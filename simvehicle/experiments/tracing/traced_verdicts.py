@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pandas as pd
@@ -19,6 +19,8 @@ from simvehicle.experiments.experiment import Experiment, Outcome, Verdict
 from simvehicle.experiments.tracing.traced_table import arrivals, mean_interval, share_words
 
 _SIGNIFICANT = 0.05
+_FEWEST = 3
+"""Worlds from which a mean is taken for more than chance."""
 _ARRIVES = ("fluxotaxis", "anemotaxis", "chemotaxis", "casting")
 """The order of arrival in the paper's table III, first to last."""
 _ARRIVES_4 = ("fluxotaxis", "anemotaxis", "casting", "chemotaxis")
@@ -31,6 +33,8 @@ _LOCALISES_4 = ("fluxotaxis", "anemotaxis", "chemotaxis", "casting")
 def judge(experiment: Experiment, rows: pd.DataFrame) -> list[Verdict]:
     """A verdict on each claim that the rows can decide."""
     flown = set(rows["strategy"])
+    if experiment.name == "tracing":
+        return list(_leaders(rows, flown))
     third = experiment.name == "fluxo-3"
     found = []
     orders = (
@@ -62,7 +66,8 @@ def compare(rows: pd.DataFrame, better: str, worse: str, claim: str, *, localise
     if len(first) < 2:
         return Verdict(claim, "undecided", "fewer than two paired trials")
     a, b = _values(first, localises), _values(second, localises)
-    probability = float(stats.ranksums(a, b).pvalue)
+    test = stats.ranksums(a, b)
+    probability, ahead = float(test.pvalue), float(test.statistic) * (1.0 if localises else -1.0)
     gain = a - b if localises else b - a
     low, high = mean_interval(first, gain)
     unit = "" if localises else " steps"
@@ -73,13 +78,23 @@ def compare(rows: pd.DataFrame, better: str, worse: str, claim: str, *, localise
         f"{np.mean(gain > 0.0):.0%}, level in {np.mean(gain == 0.0):.0%} of {len(a)} trials; rank-sum p = "
         f"{probability:.2g}{censored}"
     )
-    return Verdict(claim, _outcome(gain, low, high, probability), statistic)
+    both = probability < _SIGNIFICANT and (low > 0.0 < ahead or high < 0.0 > ahead)
+    outcome: Outcome = "undecided" if not both else "holds" if ahead > 0.0 else "does not hold"
+    return Verdict(claim, outcome, statistic)
 
 
-def _outcome(gain: np.ndarray, low: float, high: float, probability: float) -> Outcome:
-    if not probability < _SIGNIFICANT or not (low > 0.0 or high < 0.0):
-        return "undecided"
-    return "holds" if gain.mean() > 0.0 else "does not hold"
+def _leaders(rows: pd.DataFrame, flown: set[str]) -> Iterator[Verdict]:
+    """Of each condition: whether the strategy with the best mean is surely ahead of the next."""
+    if len(flown) < 2:
+        return
+    for condition, mine in rows.groupby("condition", sort=False):
+        for localises in (False, True):
+            means = _means(mine, flown, localises=localises)
+            first, second = ranked(means, localises=localises)[:2]
+            words = "localises most" if localises else "arrives first"
+            yield compare(
+                mine, first, second, f"{condition}: {first} {words}, then {second}", localises=localises
+            )
 
 
 def _growth(mine: pd.DataFrame, claim: str, *, localises: bool) -> Verdict:
@@ -112,27 +127,35 @@ def _leads(rows: pd.DataFrame, flown: set[str], claim: str, *, localises: bool) 
     shares = sorted(rows["obstacle_share"].unique())
     for share in shares:
         means = _means(rows[rows["obstacle_share"] == share], flown, localises=localises)
-        best = best_of(means, localises=localises)
+        best = ranked(means, localises=localises)[0]
         first += best == "fluxotaxis"
         told.append(f"{share_words(share)}: {best} {means[best]:.0f}, fluxotaxis {means['fluxotaxis']:.0f}")
     outcome: Outcome = "holds" if first == len(shares) else "does not hold" if first == 0 else "undecided"
+    if int(rows.groupby("obstacle_share")["world"].nunique().min()) < _FEWEST:
+        outcome = "undecided"
+        told.append(f"fewer than {_FEWEST} worlds of some share")
     return Verdict(claim, outcome, "; ".join(told))
 
 
-def best_of(means: dict[str, float], *, localises: bool) -> str:
-    """Which strategy has the best mean."""
-    return (max if localises else min)(means, key=lambda name: means[name])
+def ranked(means: dict[str, float], *, localises: bool) -> list[str]:
+    """The strategies, the best mean first."""
+    return sorted(means, key=lambda name: -means[name] if localises else means[name])
 
 
 def explained(experiment: Experiment, rows: pd.DataFrame) -> str:
     """Markdown: which strategy wins in which air, with the plume's statistics."""
+    conditions = list(dict.fromkeys(rows["condition"]))
+    everything = rows
+    rows = rows[rows["condition"] == conditions[0]]
     worlds = rows.groupby("world").first()
     starts = experiment.trials
     flown = list(dict.fromkeys(rows["strategy"]))
     sizes = ", ".join(map(str, sorted(rows["robots"].unique())))
+    under = f" under {len(conditions)} conditions" if len(conditions) > 1 else ""
     text = (
         f"## What was flown\n\n{len(worlds)} worlds with {starts} start{'s' if starts > 1 else ''} each, for every "
-        f"strategy and swarms of {sizes} robots: {len(rows)} trials of {int(rows['limit_steps'].max())} steps. Who "
+        f"strategy and swarms of {sizes} robots{under}: {len(everything)} trials of "
+        f"{int(rows['limit_steps'].max())} steps. Who "
         "does not arrive counts with all steps (censored). Intervals are over the worlds' means, 95 %.\n\n"
         "## Who wins when\n\n"
         "By regime, and by how intermittent the plume is (the share of the time in which a place in the plume "
@@ -146,15 +169,37 @@ def explained(experiment: Experiment, rows: pd.DataFrame) -> str:
         text += f"| {words} | {len(numbers)} | {some['intermittency'].mean():.2f} "
         text += f"| {some['peak_to_mean'].mean():.1f} | "
         text += " | ".join(_winner(mine, flown, localises=localises) for localises in (False, True)) + " |\n"
-    return text + "\n" + _correlated(rows, worlds, flown)
+    text += "\n" + _correlated(rows, worlds, flown)
+    return text + (_ranking(everything, flown) if experiment.name == "tracing" else "")
+
+
+def _ranking(rows: pd.DataFrame, flown: Sequence[str]) -> str:
+    """Every strategy's means by regime in the plain worlds, and under each condition over all regimes."""
+    plain = rows[rows["condition"] == rows["condition"].iloc[0]]
+    parts = [(str(regime), mine) for regime, mine in plain.groupby("regime", sort=False)]
+    parts += [(str(condition), mine) for condition, mine in rows.groupby("condition", sort=False)]
+    text = "## Ranking\n\n"
+    for words, localises in (("Mean arrival, steps", False), ("Mean localisation count", True)):
+        text += f"{words}, with the rank in brackets.\n\n"
+        text += "| strategy | " + " | ".join(name for name, _ in parts) + " |\n"
+        text += "| --- " * (len(parts) + 1) + "|\n"
+        means = [_means(mine, flown, localises=localises) for _, mine in parts]
+        ranks = [ranked(one, localises=localises) for one in means]
+        for strategy in ranks[len(parts) - rows["condition"].nunique()]:  # by the plain worlds
+            cells = [
+                f"{one[strategy]:.0f} ({rank.index(strategy) + 1})"
+                for one, rank in zip(means, ranks, strict=True)
+            ]
+            text += f"| {strategy} | " + " | ".join(cells) + " |\n"
+        text += "\n"
+    return text
 
 
 def _winner(mine: pd.DataFrame, flown: Sequence[str], *, localises: bool) -> str:
     """The best strategy and the next, and what they have."""
     means = _means(mine, flown, localises=localises)
-    ranked = sorted(means, key=lambda name: -means[name] if localises else means[name])
-    words = ", then ".join(ranked[:2])
-    return f"{words} | {', '.join(f'{means[name]:.0f}' for name in ranked[:2])}"
+    ahead = ranked(means, localises=localises)[:2]
+    return f"{', then '.join(ahead)} | {', '.join(f'{means[name]:.0f}' for name in ahead)}"
 
 
 def _groups(worlds: pd.DataFrame) -> list[tuple[str, list[int]]]:

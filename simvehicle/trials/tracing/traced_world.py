@@ -8,8 +8,6 @@ from the same places: the robots of a smaller swarm stand where the first of a l
 
 from __future__ import annotations
 
-import functools
-import math
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, NamedTuple
 
@@ -21,6 +19,7 @@ from mission.geometry.formation import FloatArray
 from mission.geometry.frames import Geodetic
 from mission.strategies.registry import checked, find
 from simvehicle.compiled import engine_identity
+from simvehicle.trials.tracing.air_statistics import plume_statistics
 from simvehicle.trials.tracing.flying import (
     ARRIVAL,
     CLOSEST_M,
@@ -33,15 +32,19 @@ from simvehicle.trials.tracing.flying import (
     tracing_kernel,
 )
 from simvehicle.trials.tracing.swarm_flight import MOST_ROBOTS, Place, Vehicles, fly_trials, make_place
-from simvehicle.trials.tracing.terrain import clearances_of
+from simvehicle.trials.tracing.world_layout import (
+    lattice_start,
+    source_places,
+    source_velocities,
+    square_obstacles,
+)
 from simvehicle.trials.trials_error import TrialsError
 from simvehicle.world.obstacles import Obstacles
-from simvehicle.world.recorded_air import RecordedAir, record_air
+from simvehicle.world.recorded_air import RecordedAir, RecordingError, record_air
 from simvehicle.world.world_config import (
     FlatFilamentPlume,
     FlatFilamentSource,
     GridWindConfig,
-    RectangularObstacle,
     WorldConfig,
 )
 
@@ -49,14 +52,6 @@ Regime = Literal["laminar", "transitional", "turbulent"]
 REGIMES: tuple[Regime, ...] = ("laminar", "transitional", "turbulent")
 _SLOWEST_MPS, _FASTEST_MPS = 0.3, 0.8
 """Mean winds are drawn between these."""
-_INNER = 0.15
-"""A source keeps this share of the world's length from its edges."""
-_SOURCE_CLEAR_M = 1.0
-_OBSTACLE_GAP_M = 0.7
-"""Between obstacles, and to the walls: a vehicle fits through."""
-_LATTICE_M = 0.8
-"""Between vehicles at the start: the paper's spacing."""
-_TRIES = 10_000
 # Streams of a world's chances.
 _LAYOUT, _AIR, _START = range(3)
 _NOWHERE = Geodetic(0.0, 0.0, 0.0)
@@ -73,6 +68,8 @@ class TracedWorld(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     obstacle_share: float = 0.0
     """Of the ground, as the paper rounds it: a name for tables."""
     strategies: tuple[str, ...] = ("casting", "chemotaxis", "anemotaxis", "fluxotaxis")
+    parameters: tuple[tuple[str, str, float], ...] = ()
+    """(strategy, name, value) of what differs from a strategy's own defaults."""
     robots: tuple[int, ...] = (7, 28, 70)
     condition: str = "plain"
     """What is special about it: a name for tables."""
@@ -98,8 +95,11 @@ class TracedWorld(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         found = list(self.vehicles.problems())
         for name in self.strategies:
             try:
-                if find(name).ticks is None:
+                entry = find(name)
+                if entry.ticks is None:
                     found.append(f"strategy {name} is no rule of ticks: it cannot trace a recorded plume")
+                else:
+                    checked(entry, self.parameters_of(name))
             except ValueError as error:
                 found.append(str(error))
         if self.regime not in REGIMES:
@@ -110,6 +110,10 @@ class TracedWorld(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
             if not 1 <= size <= MOST_ROBOTS
         ]
         return found
+
+    def parameters_of(self, strategy: str) -> dict[str, float]:
+        """What `parameters` says of a strategy."""
+        return {name: value for owner, name, value in self.parameters if owner == strategy}
 
 
 class Air(NamedTuple):
@@ -130,7 +134,10 @@ def fly_world(world: TracedWorld, seed: int, first: int, count: int) -> pd.DataF
     if count == 0:
         _compile(world)
         return pd.DataFrame()
-    air = make_air(world, seed)
+    try:
+        air = make_air(world, seed)
+    except RecordingError as error:
+        raise TrialsError(f"world {world.number}: {error}") from error
     frames = []
     most = max(world.robots)
     starts_m = np.stack(
@@ -145,6 +152,7 @@ def fly_world(world: TracedWorld, seed: int, first: int, count: int) -> pd.DataF
                 starts_m[:, :robots],
                 seed=_key(seed, world.number),
                 first=first,
+                parameters=world.parameters_of(strategy),
             )
             frames.append(
                 _rows(world, seed, first, strategy, robots, starts_m, air, flown.counts, flown.distances_m)
@@ -181,11 +189,12 @@ def make_air(world: TracedWorld, seed: int) -> Air:
     rng = np.random.default_rng([seed, world.number, _LAYOUT])
     speed_mps = float(rng.uniform(_SLOWEST_MPS, _FASTEST_MPS))
     from_deg = float(rng.uniform(0.0, 360.0))
-    sources_m = _source_places(world, rng)
-    headings_rad = rng.uniform(0.0, 2.0 * math.pi, world.sources)
-    moving_mps = world.source_mps * np.column_stack([np.cos(headings_rad), np.sin(headings_rad)])
-    obstacles = _obstacles(world, rng, sources_m, moving_mps)
+    sources_m = source_places(world.length_m, world.sources, rng)
+    moving_mps = source_velocities(world.length_m, sources_m, world.source_mps, rng)
     vehicles = world.vehicles
+    duration_s = vehicles.limit_steps * vehicles.step_s
+    ways_m = np.concatenate([sources_m + moving_mps * time_s for time_s in np.linspace(0.0, duration_s, 50)])
+    obstacles = square_obstacles(world.length_m, world.obstacles, world.obstacle_m, ways_m, rng)
     config = WorldConfig(
         origin=_NOWHERE,
         wind=GridWindConfig(
@@ -215,7 +224,6 @@ def make_air(world: TracedWorld, seed: int) -> Air:
         ),
         obstacles=tuple(obstacles),
     )
-    duration_s = vehicles.limit_steps * vehicles.step_s
     frame_s = world.frame_steps * vehicles.step_s
     air = record_air(
         config,
@@ -236,112 +244,10 @@ def make_air(world: TracedWorld, seed: int) -> Air:
 
 
 def start_places(world: TracedWorld, place: Place, seed: int, trial: int, robots: int) -> FloatArray:
-    """(robots, 2) a lattice about a place up to `start_m` from the first source; who would stand in something is left
-    out, and the lattice goes on."""
+    """(robots, 2) where a swarm starts, the same for every strategy; of fewer robots it is the first of them."""
     rng = np.random.default_rng([seed, world.number, _START, trial])
     source_m = place.sources.places_m[0, 0]
-    length_m = world.length_m
-    sites = _lattice(robots + 4 * (world.obstacles + 1) + robots)
-    radius_m = world.vehicles.radius_m
-    for _ in range(_TRIES):
-        away_m, bearing_rad = world.start_m * rng.random(), 2.0 * math.pi * rng.random()
-        centre = source_m + away_m * np.array([math.cos(bearing_rad), math.sin(bearing_rad)])
-        if not np.all((centre > 1.0) & (centre < length_m - 1.0)):
-            continue
-        places = centre + sites
-        inside = np.all((places > radius_m) & (places < length_m - radius_m), axis=1)
-        free = places[inside & (clearances_of(place.terrain, places) > radius_m)]
-        if len(free) >= robots:
-            return free[:robots]
-    raise TrialsError(
-        f"world {world.number}: no room for {robots} robots within {world.start_m:g} m of the source"
-    )
-
-
-def plume_statistics(air: RecordedAir, detection: float) -> dict[str, float]:
-    """Of what a sensor that does not move would read where the plume is at all, in the middle of the plume's places.
-
-    `intermittency`: the share of the time without gas. `peak_to_mean`: the 99th percentile over the mean, in time.
-    `plume_share`: the share of the ground that ever has gas. `meander`: how far the plume's middle goes about,
-    the deviation of its centre of mass over its mean width.
-    """
-    gas = air.gas[::5]
-    coarse = np.ascontiguousarray(gas[:, ::4, ::4], np.float64)
-    mean = coarse.mean(axis=0)
-    plume = mean > max(detection, 0.0)
-    if not plume.any():
-        return {"intermittency": 1.0, "peak_to_mean": math.nan, "plume_share": 0.0, "meander": math.nan}
-    there = coarse[:, plume]
-    peaks = np.percentile(there, 99.0, axis=0) / mean[plume]
-    whole = coarse.sum(axis=(1, 2))
-    norths, easts = np.arange(coarse.shape[1]), np.arange(coarse.shape[2])
-    some = whole > 0.0
-    centres = np.column_stack(
-        [
-            (coarse.sum(axis=2)[some] @ norths) / whole[some],
-            (coarse.sum(axis=1)[some] @ easts) / whole[some],
-        ]
-    )
-    spread = math.sqrt(float(plume.sum()) / math.pi)
-    return {
-        "intermittency": float(np.median((there <= detection).mean(axis=0))),
-        "peak_to_mean": float(np.median(peaks)),
-        "plume_share": float((coarse.max(axis=0) > detection).mean()),
-        "meander": float(np.linalg.norm(centres.std(axis=0)) / spread),
-    }
-
-
-# -- what a world is made of --------------------------------------------------------------------------------
-
-
-def _source_places(world: TracedWorld, rng: np.random.Generator) -> FloatArray:
-    low_m, high_m = _INNER * world.length_m, (1.0 - _INNER) * world.length_m
-    return np.asarray(rng.uniform(low_m, high_m, (world.sources, 2)))
-
-
-def _obstacles(
-    world: TracedWorld, rng: np.random.Generator, sources_m: FloatArray, moving_mps: FloatArray
-) -> list[RectangularObstacle]:
-    """Squares at random, apart from each other, from the walls and from where the sources go."""
-    half_m = 0.5 * world.obstacle_m
-    low_m, high_m = half_m + _OBSTACLE_GAP_M, world.length_m - half_m - _OBSTACLE_GAP_M
-    duration_s = world.vehicles.limit_steps * world.vehicles.step_s
-    ways_m = np.concatenate([sources_m + moving_mps * t for t in np.linspace(0.0, duration_s, 50)])
-    found: list[FloatArray] = []
-    for _ in range(_TRIES):
-        if len(found) == world.obstacles:
-            break
-        at = rng.uniform(low_m, high_m, 2)
-        apart = all(np.abs(at - other).max() > world.obstacle_m + _OBSTACLE_GAP_M for other in found)
-        if apart and np.abs(at - ways_m).max(axis=1).min() > half_m + _SOURCE_CLEAR_M:
-            found.append(at)
-    else:
-        raise TrialsError(
-            f"world {world.number}: no room for {world.obstacles} obstacles of {world.obstacle_m:g} m"
-        )
-    return [
-        RectangularObstacle(
-            centre_north_m=float(at[0]),
-            centre_east_m=float(at[1]),
-            length_north_m=world.obstacle_m,
-            length_east_m=world.obstacle_m,
-        )
-        for at in found
-    ]
-
-
-@functools.cache
-def _lattice(sites: int) -> FloatArray:
-    """(sites, 2) of a hexagonal lattice, the nearest to its middle first."""
-    reach = math.ceil(math.sqrt(sites)) + 1
-    along, across = np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1))
-    places = _LATTICE_M * np.column_stack(
-        [(along + 0.5 * (across % 2)).ravel(), math.sqrt(0.75) * across.ravel()]
-    )
-    return np.asarray(places[np.argsort(np.round((places**2).sum(axis=1), 6), kind="stable")][:sites])
-
-
-# -- rows ---------------------------------------------------------------------------------------------------
+    return lattice_start(place.terrain, source_m, world.start_m, robots, world.vehicles.radius_m, rng)
 
 
 def _rows(
