@@ -58,6 +58,28 @@ def clearance_m(
     return nearest_m
 
 
+def stands_at(
+    corners_m: FloatArray, first: IntArray, tops_m: FloatArray, north_m: float, east_m: float, up_m: float
+) -> bool:
+    """Whether a point is inside of an obstacle: the sign of the clearance, at a third of its cost."""
+    for obstacle in range(len(tops_m)):
+        if up_m > tops_m[obstacle]:
+            continue
+        inside = False
+        n0, e0 = (
+            corners_m[first[obstacle + 1] - 1, 0] - north_m,
+            corners_m[first[obstacle + 1] - 1, 1] - east_m,
+        )
+        for corner in range(first[obstacle], first[obstacle + 1]):
+            n1, e1 = corners_m[corner, 0] - north_m, corners_m[corner, 1] - east_m
+            if (n0 > 0.0) != (n1 > 0.0) and e0 - n0 * (e1 - e0) / (n1 - n0) > 0.0:
+                inside = not inside
+            n0, e0 = n1, e1
+        if inside:
+            return True
+    return False
+
+
 def range_m(
     corners_m: FloatArray,
     first: IntArray,

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 from shapely.validation import explain_validity
 
 from mission.geometry.formation import FloatArray
@@ -75,6 +76,20 @@ class Obstacles:
         """`clearances_m` at one point."""
         north_m, east_m, down_m = position_ned_m
         return obstacle_formulas.clearance_m(*self._views, north_m, east_m, -down_m)
+
+    def stand_at(self, position_ned_m: Vector3) -> bool:
+        """Whether a point is inside of one."""
+        north_m, east_m, down_m = position_ned_m
+        return obstacle_formulas.stands_at(*self._views, north_m, east_m, -down_m)
+
+    def stand_at_all(self, positions_ned_m: FloatArray) -> NDArray[np.bool_]:
+        """(n,) whether (n, 3) positions are."""
+        from simvehicle.world.compiled_obstacles import insides
+
+        inside = np.empty(len(positions_ned_m), np.bool_)
+        positions = np.ascontiguousarray(positions_ned_m, np.float64)
+        insides(self.corners_m, self.first, self.tops_m, positions, inside)
+        return inside
 
     def range_m(self, position_ned_m: Vector3, bearing_rad: float) -> float:
         """`ranges_m` at one point."""
