@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from simvehicle.experiments.experiment import Experiment, Options, Summary
-from simvehicle.experiments.lattice.lattice_flights import PUFFS_PER_STEP, TRACERS, LatticeWorld, Plume
+from simvehicle.experiments.lattice.lattice_flights import PUFFS_PER_STEP, TRACERS, LatticeWorld, PuffKind
 from simvehicle.experiments.statistics import wilson
 from simvehicle.experiments.tracing.traced_cells import refuse_others
 from simvehicle.experiments.tracing.traced_table import arrivals, mean_interval
@@ -59,7 +59,7 @@ class LatticeCell(msgspec.Struct, frozen=True, kw_only=True):
     """A line of the table."""
 
     strategy: str
-    plume: Plume
+    plume: PuffKind
     factor: int
     obstacle_share: float
 
@@ -114,12 +114,12 @@ def define(name: str, options: Options) -> Experiment:
 
 def _plan(
     name: str, regimes: tuple[Regime, ...]
-) -> Iterator[tuple[int, Regime, Plume, tuple[int, float, float]]]:
+) -> Iterator[tuple[int, Regime, PuffKind, tuple[int, float, float]]]:
     """(number, regime, plume, obstacles) of one world after the other, the kinds mixed evenly.
 
     The second experiment's numbers of kinds have no common factor, so that all are met with all.
     """
-    plumes: tuple[Plume, ...] = tuple(PUFFS_PER_STEP)
+    plumes: tuple[PuffKind, ...] = tuple(PUFFS_PER_STEP)
     for number in itertools.count():
         regime = regimes[number % len(regimes)]
         if name == "fluxo-1":
