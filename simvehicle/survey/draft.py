@@ -291,12 +291,15 @@ def _failsafe_parameters(survey: Survey, drone: SurveyDrone) -> dict[str, float]
     """What the agent sets on its autopilot for the time when there is no agent any more.
 
     Each drone returns at an altitude of its own (`flightstack.flight.layers`), also from nearby, and does not wait
-    over home; an ArduPilot follows the last velocity for 1 s instead of 3, a PX4 comes home when its agent dies.
+    over home; an ArduPilot follows the last velocity for 1 s instead of 3, a PX4 comes home when its agent dies. What
+    the survey's file says of them for this drone is taken as meant.
     """
     config, members = survey.config, [one.id for one in survey.drones]
     above_home_m = layers_of(drone.id, members, config.formation, config.limits).autopilot_above_home_m
     if drone.flavour == "ardupilot":
         centimetres = round(above_home_m * 100.0)
-        return {"RTL_ALT": centimetres, "RTL_CONE_SLOPE": 0.0, "RTL_LOIT_TIME": 0.0, "GUID_TIMEOUT": 1.0}
-    altitudes = {"RTL_RETURN_ALT": above_home_m, "RTL_DESCEND_ALT": above_home_m}
-    return altitudes | {"RTL_CONE_ANG": 0.0, "COM_OBL_RC_ACT": 3.0}
+        set_so = {"RTL_ALT": centimetres, "RTL_CONE_SLOPE": 0.0, "RTL_LOIT_TIME": 0.0, "GUID_TIMEOUT": 1.0}
+    else:
+        set_so = {"RTL_RETURN_ALT": above_home_m, "RTL_DESCEND_ALT": above_home_m}
+        set_so |= {"RTL_CONE_ANG": 0.0, "COM_OBL_RC_ACT": 3.0}
+    return set_so | {name: value for name, value in drone.parameters.items() if name in set_so}

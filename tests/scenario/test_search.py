@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import pathlib
-from typing import Any
+from typing import Any, Final
 
 import pytest
 from typer.testing import CliRunner, Result
@@ -66,20 +66,29 @@ def test_a_scenario_is_flown_by_whole_agents_and_its_result_kept(tmp_path: pathl
     summary = json.loads(first.stdout.splitlines()[-1])
     assert summary["seeds"] == 1
     assert summary["core_s"] > 0.0
-    assert first.exit_code == (1 if summary["failing_seeds"] else 0)
+    assert (first.exit_code, summary["failing_seeds"]) == (0, [])
     assert "1 of 1: seed 8" in first.stderr
     again = searched(tmp_path, "8:9", "--no-shrink")
     assert "seed 8," not in again.stderr
     assert json.loads(again.stdout)["core_s"] == summary["core_s"]
 
 
+SHORT: Final = (12, 14, 16, 18, 19, 26, 39, 60, 69, 76, 80, 81, 82, 84, 85, 86, 98, 100, 111)
+"""With seed 8 the twenty of the first 130 that take the least time: 3 to 7 core-s each, where all take 13."""
+
+
+@pytest.mark.parametrize("seed", SHORT)
+def test_whatever_goes_wrong_nobody_comes_too_near_and_everybody_comes_down(seed: int) -> None:
+    simulation = LEVELS["agent"]()
+    assert simulation.run(simulation.draw(seed)).violations == ()
+
+
 @pytest.mark.long
-@pytest.mark.parametrize("seeds", [20, 1000])
-def test_whatever_goes_wrong_nobody_comes_too_near_and_everybody_comes_down(seeds: int) -> None:
+def test_whatever_goes_wrong_in_a_thousand_scenarios_nothing_is_violated() -> None:
     """Results are kept in out/scenarios: ended and started again, it goes on from there."""
-    command = ["scenario", "search", "--seeds", f"0:{seeds}", "--json"]
+    command = ["scenario", "search", "--seeds", "0:1000", "--json"]
     summary = json.loads(CliRunner().invoke(app, command).stdout.splitlines()[-1])
-    assert summary["seeds"] == seeds
+    assert summary["seeds"] == 1000
     assert summary["violations"] == {}, summary["failing_seeds"]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import msgspec
@@ -73,11 +74,46 @@ def test_who_makes_way_or_stands_on_the_ground_keeps_nothing_free(neighbour: Nei
 def test_over_the_place_where_one_fell_silent_nobody_passes_until_it_has_climbed() -> None:
     silent, over = changed(home_ned_m=None), (50.0, 0.0, -20.0)
     assert list(columns((silent,), over, None, ROOM_M)) == [(9, (60.0, 0.0, -20.0), ROOM_M)]
+    just_now = changed(home_ned_m=None, adrift=False, age_s=1.5)
+    assert list(columns((just_now,), over, None, ROOM_M)) == [(9, (60.0, 0.0, -20.0), ROOM_M)]
     assert not list(columns((silent,), (50.0, 0.0, -4.0), None, ROOM_M)), "it climbs, it does not sink"
     later = changed(home_ned_m=None, age_s=CLIMBS_WITHIN_S + 1.0)
     assert not list(columns((later,), over, None, ROOM_M))
     target = (90.0, 0.0, -20.0)
     assert max(n for n, _, _ in flown((60.5 - 2 * ROOM_M, 0.0, -20.0), target, (later,), AWAY)) > 80.0
+
+
+@pytest.mark.parametrize("below_m", [6.0, 12.0, 19.0])
+@pytest.mark.parametrize("climb_mps", [2.5, 3.0])
+def test_an_autopilot_that_climbs_under_one_that_comes_down_finds_its_way_free(
+    below_m: float, climb_mps: float
+) -> None:
+    """The agent that steers it stands still, and the ground station tells where it is."""
+    limits = LimitsConfig()
+    guard, place, velocity, nearest_m = Guard(limits, None), (0.2, 0.0, -30.0), STILL, math.inf
+    for tick in itertools.count():
+        there = (0.0, 0.0, below_m - 30.0 - 0.1 * tick * climb_mps)
+        if there[2] < place[2] - 8.0:  # it is above, and gone
+            break
+        nearest_m = min(nearest_m, math.dist(place, there))
+        climbs = (0.0, 0.0, -climb_mps)
+        other = Neighbour(9, there, climbs, 0.0, True, adrift=True, home_ned_m=AWAY)
+        guarded = guard.apply(GoTo((0.0, 0.0, -10.0)), place, velocity, 0.1, (other,), (0.0, 30.0, 0.0))
+        assert isinstance(guarded.setpoint, VelocityTarget)
+        changes = (w - v for w, v in zip(guarded.setpoint.velocity_ned_mps, velocity, strict=True))
+        most = limits.acceleration_mps2 * 0.1
+        n, e, d = (v + min(max(c, -most), most) for v, c in zip(velocity, changes, strict=True))
+        velocity = (n, e, d)
+        n, e, d = (p + 0.1 * v for p, v in zip(place, velocity, strict=True))
+        place = (n, e, d)
+    assert nearest_m > limits.separation_m
+
+
+def test_high_over_one_that_is_heard_anybody_may_pass() -> None:
+    heard = changed(home_ned_m=None, age_s=0.2)
+    assert not list(columns((heard,), (60.0, 0.0, -31.0), None, ROOM_M))
+    assert list(columns((heard,), (60.0, 0.0, -29.0), None, ROOM_M)) == [(9, (60.0, 0.0, -29.0), ROOM_M)]
+    assert not list(columns((heard,), (60.0, 0.0, -9.0), None, ROOM_M))
 
 
 def test_what_fell_silent_over_anothers_home_may_leave_it_before_it_climbs() -> None:

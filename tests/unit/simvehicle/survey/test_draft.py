@@ -162,6 +162,14 @@ def test_px4_drones_come_home_by_themselves_in_layers() -> None:
         assert drone.autopilot.parameters["RTL_DESCEND_ALT"] == own_m, "it does not wait among the others"
 
 
+def test_what_a_file_says_of_a_drones_failsafes_is_not_overwritten_by_its_agent() -> None:
+    text = SURVEY.replace("home_east_m: 10.0", "home_east_m: 10.0\n    parameters: {COM_OBL_RC_ACT: 5}")
+    survey = parse_survey(text, "own.yaml")
+    _, drafted = draft(survey, in_process(survey)).drones
+    assert drafted.autopilot.parameters["COM_OBL_RC_ACT"] == 5.0
+    assert drafted.autopilot.parameters["RTL_CONE_ANG"] == 0.0
+
+
 @pytest.mark.parametrize("file", ["survey.yaml", "survey_px4.yaml", "survey_multi.yaml", "scenario.yaml"])
 def test_what_is_drafted_gives_no_reason_for_caution(file: str) -> None:
     survey = load_scenario(EXAMPLES / file).survey if file == "scenario.yaml" else load(EXAMPLES / file)
