@@ -88,7 +88,7 @@ def _by_intermittency(axes: Any, summaries: list[Summary], name: str) -> None:
     }
     for number, strategy in enumerate(_strategies(plain)):
         means = [_mean(plain, strategy, name, regime=regime, obstacle_share=share) for regime, share in kinds]
-        axes.plot(list(kinds.values()), means, "", linestyle="", **_look(strategy, number))
+        axes.plot(list(kinds.values()), means, linestyle="", **_look(strategy, number))
     axes.grid(alpha=0.25)
 
 
