@@ -1,4 +1,4 @@
-"""A wind that varies over the area: advection and diffusion from noisy corners, around obstacles.
+"""A wind that varies over the area: advection and diffusion from noisy corners, among obstacles.
 
 J. A. Farrell, J. Murlis, X. Long, W. Li, R. T. Carde: "Filament-based atmospheric dispersion model to achieve short
 time-scale structure of odor plumes", Environmental Fluid Mechanics 2, 143-169 (2002). Each of the four corners of a

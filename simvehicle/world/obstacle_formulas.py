@@ -13,7 +13,7 @@ import math
 from mission.geometry.formation import FloatArray, IntArray
 
 _FARTHEST_M = 1e9
-_ROUNDING = 1e-9
+ROUNDING = 1e-9
 """Of a wall's length: no beam slips through a corner between two walls."""
 
 
@@ -110,6 +110,6 @@ def range_m(
                 continue  # a wall along the beam: its ends are met as the ends of its neighbours
             away_m = (n0 * along_e - e0 * along_n) / across
             share = (n0 * toward_e - e0 * toward_n) / across
-            if away_m >= 0.0 and -_ROUNDING <= share <= 1.0 + _ROUNDING:
+            if away_m >= 0.0 and -ROUNDING <= share <= 1.0 + ROUNDING:
                 nearest_m = min(nearest_m, away_m)
     return nearest_m

@@ -38,7 +38,6 @@ class Obstacles:
         """(k + 1,) the first corner of each outline."""
         self.tops_m = np.array([top_m(obstacle) for obstacle in obstacles], dtype=np.float64)
         """(k,) above home; infinite where nothing flies over."""
-
         last = [corner for outline in outlines for corner in (*outline[1:], outline[0])]
         self._walls = (
             self.corners_m,
@@ -107,7 +106,8 @@ class Obstacles:
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             away_m = (start[:, 0] * along[:, 1] - start[:, 1] * along[:, 0]) / across
             share = (start[:, 0] * toward_e - start[:, 1] * toward_n) / across
-            met = (away_m >= 0.0) & (share >= 0.0) & (share <= 1.0)
+            rounding = obstacle_formulas.ROUNDING
+            met = (away_m >= 0.0) & (share >= -rounding) & (share <= 1.0 + rounding)
         ranges_m: FloatArray = np.min(np.where(met, away_m, np.inf), axis=1, initial=np.inf)
         return ranges_m
 
