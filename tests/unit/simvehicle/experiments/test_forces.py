@@ -147,6 +147,8 @@ def test_verdicts_follow_the_rows() -> None:
     def time_s(cell: ForcesCell) -> float:
         if cell.variant == "upwind":
             return 400.0 if cell.obstacles else 50.0
+        if cell.variant == "no-cohesion":
+            return 100.0
         lead = 40.0 if cell.robots == 30 else 0.0
         return 150.0 - lead * (1.0 + 0.1 * cell.obstacles) * (1.0 if cell.emission_gps > 0.01 else 0.5)
 
@@ -158,6 +160,7 @@ def test_verdicts_follow_the_rows() -> None:
     assert verdicts[upwind.format(0)].verdict == "undecided"
     assert verdicts[upwind.format(10)].verdict == "holds"
     assert "upwind alone 0 %" in verdicts[upwind.format(10)].statistic
+    assert verdicts["cohesion makes the search faster"].verdict == "does not hold"
     assert verdicts["robots that smell nothing follow by cohesion"].verdict == "holds"
     assert verdicts["cohesion keeps robots from close encounters"].verdict == "undecided"
 
