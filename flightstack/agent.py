@@ -112,6 +112,7 @@ class Agent:
         obstacles = None
         if config.obstacles:
             obstacles = LocalObstacles(self.frame, config.obstacles, config.limits.obstacle_margin_m)
+        self._obstacles = obstacles
 
         def conflict(autopilots: OwnFence, home_ned_m: Vector3) -> str:
             return fence_conflict(autopilots, home_ned_m, fence, config.limits, self.frame)
@@ -195,6 +196,7 @@ class Agent:
             self._decision = ended(self._decision, swarm.order, end.gives_up)
         notes += self._bounds.notes(root=place.root == self.config.drone)
         # guard
+        self._guard.look(now_s, vehicle.position_ned_m, vehicle.ranges, swarm.neighbours)
         guarded = self._steer(phase, intent, vehicle, swarm)
         notes += self._obedience.step(now_s, guarded.setpoint if guarded else None, vehicle)
         if self._obedience.grounded:
@@ -397,7 +399,13 @@ class Agent:
                 self._decision, self._strategy_failure = consult(
                     self._strategy,
                     Observation(
-                        now_s - self._formed_s, own, swarm.neighbours, place, swarm.order, swarm.readings
+                        now_s - self._formed_s,
+                        own,
+                        swarm.neighbours,
+                        place,
+                        swarm.order,
+                        swarm.readings,
+                        self._ranges_m(vehicle, position),
                     ),
                     self._rng,
                 )
@@ -405,6 +413,12 @@ class Agent:
                 return self._decision.intent
             case _:
                 return Hold()
+
+    def _ranges_m(self, vehicle: VehicleReport, position: Vector3) -> tuple[tuple[float, float], ...]:
+        """What stands around: as the range finder sees it, or as far as it is known."""
+        if vehicle.ranges is not None:
+            return vehicle.ranges.beams
+        return () if self._obstacles is None else self._obstacles.ranges_m(position)
 
     def _lower_layer_down_m(self) -> float:
         """Altitude (as down) of the heir's corridor."""

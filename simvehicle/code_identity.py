@@ -17,8 +17,18 @@ from typing import Any
 
 import numpy as np
 
-_VERSIONED = frozenset(sys.stdlib_module_names) | {"llvmlite", "msgspec", "numba", "numpy", "pandas", "scipy"}
+_VERSIONED = frozenset(sys.stdlib_module_names) | {
+    "llvmlite",
+    "msgspec",
+    "numba",
+    "numpy",
+    "pandas",
+    "scipy",
+    "shapely",
+}
 """Packages whose code has a version instead."""
+_COMPILER = ("simvehicle.compiled", "simvehicle.code_identity")
+"""What makes machine code of others, and remembers which: that differs from process to process."""
 _EXACT = 64
 """Larger tables are compared to single precision: their last bits are those of the machine that made them."""
 
@@ -70,7 +80,8 @@ def _name(value: Any) -> str:
 
 
 def _versioned(value: Any) -> bool:
-    return (getattr(value, "__module__", None) or "builtins").partition(".")[0] in _VERSIONED
+    module = getattr(value, "__module__", None) or "builtins"
+    return module in _COMPILER or module.partition(".")[0] in _VERSIONED
 
 
 def _walked(value: Any) -> bool:
@@ -148,11 +159,18 @@ def _codes(code: types.CodeType) -> Iterator[types.CodeType]:
 
 def _code_token(code: types.CodeType, doc: str | None, further: list[Any]) -> Any:
     constants = [
-        _code_token(constant, None, further) if isinstance(constant, types.CodeType) else repr(constant)
+        _code_token(constant, None, further)
+        if isinstance(constant, types.CodeType)
+        else _constant_token(constant)
         for constant in code.co_consts
         if constant is None or constant != doc
     ]
     return code.co_code.hex(), constants, code.co_names, code.co_varnames, code.co_freevars
+
+
+def _constant_token(constant: Any) -> str:
+    """A set written in the code has another order in every process."""
+    return repr(sorted(map(repr, constant)) if isinstance(constant, frozenset) else constant)
 
 
 def _token(value: Any, further: list[Any]) -> Any:

@@ -7,6 +7,7 @@ import enum
 import msgspec
 
 from flightstack.mavlink.modes import Duty, Flavour
+from flightstack.mavlink.obstacle_distance import Ranges
 from flightstack.mavlink.statustext import StatusText
 from mission.geometry.frames import Vector3
 
@@ -66,6 +67,10 @@ class VehicleReport(msgspec.Struct, frozen=True, kw_only=True):
     failsafe: bool
     """A failsafe acts or has taken the vehicle."""
     failsafe_reason: str
+    ranges: Ranges | None
+    """The newest look around of a range finder, while it is fresh."""
+    ranges_age_s: float | None
+    """Since the newest one came; None before the first."""
     named_values: tuple[tuple[str, float], ...]
     """NAMED_VALUE_FLOATs (name, value) since the last `step`: how instruments behind the autopilot report."""
     new_texts: tuple[StatusText, ...]

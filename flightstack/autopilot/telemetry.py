@@ -15,6 +15,7 @@ from flightstack.autopilot.report import TakenBy, VehicleReport
 from flightstack.mavlink import vehicle_state
 from flightstack.mavlink.codec import MavlinkMessage
 from flightstack.mavlink.modes import COPTER_TYPES, FLAVOURS, Duty, Flavour, mode_of, way_down
+from flightstack.mavlink.obstacle_distance import Ranges, ranges_of
 from flightstack.mavlink.role import AUTOPILOT_COMPONENT, Role, role_of, why_not_flown
 from flightstack.mavlink.statustext import StatusText
 from flightstack.mavlink.vehicle_state import (
@@ -32,7 +33,14 @@ PREARM_ROUND_S = 5.0
 MOVING_AIR_MPS = 0.01
 """A WIND of exactly nothing is ArduCopter's way of saying that it does not estimate wind."""
 
-STATES = vehicle_state.STATES | {mavlink.MAVLINK_MSG_ID_WIND, mavlink.MAVLINK_MSG_ID_WIND_COV}
+RANGES_FRESH_S = 1.0
+"""A look around that is older says nothing of what is around now."""
+
+STATES = vehicle_state.STATES | {
+    mavlink.MAVLINK_MSG_ID_WIND,
+    mavlink.MAVLINK_MSG_ID_WIND_COV,
+    mavlink.MAVLINK_MSG_ID_OBSTACLE_DISTANCE,
+}
 EVENTS = vehicle_state.EVENTS | {
     mavlink.MAVLINK_MSG_ID_PARAM_VALUE,
     mavlink.MAVLINK_MSG_ID_PARAM_ERROR,
@@ -62,6 +70,8 @@ class Telemetry(VehicleState):
         self._unfit: tuple[str, float] | None = None
         """Why what spoke in our autopilot's place is not taken for it, and when it did."""
         self.new_values: list[tuple[str, float]] = []
+        self.ranges: tuple[float, Ranges] | None = None
+        """The newest look around and when it came."""
         self.new_wind: tuple[Vector3, float | None] | None = None
         """The newest wind estimate (NED, m/s) and its standard deviation since `clear_news`."""
 
@@ -83,10 +93,21 @@ class Telemetry(VehicleState):
         """Take one message of the link in; False if it is not from our autopilot."""
         if message.kind == mavlink.MAVLINK_MSG_ID_HEARTBEAT and not self._choose(now_s, message):
             return False
+        if message.kind == mavlink.MAVLINK_MSG_ID_OBSTACLE_DISTANCE:
+            self._look_around(now_s, message)
+            return False
         if not self._chosen or (message.system, message.component) != (self.system, self.component):
             return False
         self.accept(now_s, message)
         return True
+
+    def _look_around(self, now_s: float, message: MavlinkMessage) -> None:
+        """Of any component of our own vehicle: a range finder is one of its own, or the autopilot's."""
+        if message.system != self.system:
+            return
+        ranges = ranges_of(message.fields, None if self.attitude_rad is None else self.attitude_rad[2])
+        if ranges is not None:
+            self.ranges = (now_s, ranges)
 
     def _choose(self, now_s: float, message: MavlinkMessage) -> bool:
         """Is this the heartbeat of our autopilot?"""
@@ -233,6 +254,10 @@ class Telemetry(VehicleState):
         attitude_rad = self.attitude_rad
         received_s = self.received_s.get(mavlink.MAVLINK_MSG_ID_ATTITUDE)
         wind_ned_mps, wind_sd_mps = self.new_wind or (None, None)
+        ranges, ranges_age_s = None, None
+        if self.ranges is not None:
+            ranges_age_s = now_s - self.ranges[0]
+            ranges = self.ranges[1] if ranges_age_s <= RANGES_FRESH_S else None
         return VehicleReport(
             connected=self.is_connected(now_s),
             heartbeat_age_s=None if self.heartbeat_s is None else now_s - self.heartbeat_s,
@@ -260,6 +285,8 @@ class Telemetry(VehicleState):
             crash=self.crash,
             failsafe=authority.failsafe,
             failsafe_reason=authority.failsafe_reason if authority.failsafe else "",
+            ranges=ranges,
+            ranges_age_s=ranges_age_s,
             named_values=tuple(self.new_values),
             new_texts=tuple(self.new_texts),
             stood_still_s=stood_still_s,

@@ -20,7 +20,9 @@ from flightstack.flight.braking import REACTION_S, braking_speed_mps
 from flightstack.flight.columns import columns
 from flightstack.flight.guidance import CORRIDOR_M, HOVERS_MPS, horizontal_m, stays, stretch, whereabouts
 from flightstack.flight.keeping_clear import kept_clear
+from flightstack.flight.surroundings import Surroundings
 from flightstack.flight.way_around import Room, Way, WayAround
+from flightstack.mavlink.obstacle_distance import Ranges
 from flightstack.swarm.peers import FRESH_S
 from mission.geometry.frames import Vector3
 from mission.geometry.geofence import LocalFence
@@ -46,6 +48,9 @@ PASSING_MPS = 2.0
 
 SWAYS_MPS = 1.5
 """What is gone around already may move so fast for a moment, in a gust, and is still gone around."""
+
+LEAST_MPS = 0.5
+"""A sensor that sees no farther than the margin does not stop the drone."""
 
 AN_OBSTACLE = "kept clear of an obstacle"
 
@@ -79,9 +84,20 @@ class Guard:
     ) -> None:
         self._limits = limits
         self._fence = fence
-        self._obstacles = obstacles
+        self._surroundings = Surroundings(obstacles, limits.obstacle_margin_m)
         self._held_ned_m: Vector3 | None = None
-        self._way = WayAround(fence, limits.fence_margin_m, obstacles)
+        self._way = WayAround(fence, limits.fence_margin_m, self._surroundings)
+
+    def look(
+        self,
+        now_s: float,
+        position_ned_m: Vector3 | None,
+        ranges: Ranges | None,
+        neighbours: Sequence[Neighbour],
+    ) -> None:
+        """Remember what the range finder sees now, wherever the drone is flown from; before `apply`."""
+        if position_ned_m is not None and ranges is not None:
+            self._surroundings.look(now_s, position_ned_m, ranges, neighbours)
 
     def apply(
         self,
@@ -136,7 +152,11 @@ class Guard:
         if velocity != inside and self._fence is not None:  # where the fence had turned it back
             spare_m = self._fence.clearance_m(*position_ned_m[:2]) - limits.fence_margin_m
             velocity = self._able_to_stop(position_ned_m, velocity, spare_m)
-        velocity = self._capped(velocity, limits.speed_mps)
+        # No faster than it can stop before what it sees first at the end of its sight.
+        in_sight_mps = braking_speed_mps(
+            self._surroundings.reach_m - limits.obstacle_margin_m, limits.acceleration_mps2
+        )
+        velocity = self._capped(velocity, max(min(limits.speed_mps, in_sight_mps), LEAST_MPS))
         near = station and target is not None and math.dist(position_ned_m, target) < STATION_M
         if near and target is not None and velocity == wanted_velocity:
             return Guarded(PositionTarget(target), tuple(held_by))
@@ -271,9 +291,7 @@ class Guard:
     def _keep_clear(
         self, position: Vector3, velocity: Vector3, wanted: Vector3, held_by: list[str]
     ) -> Vector3:
-        if self._obstacles is None:
-            return wanted
-        kept = kept_clear(position, velocity, wanted, self._obstacles, self._limits)
+        kept = kept_clear(position, velocity, wanted, self._surroundings, self._limits)
         if kept != wanted and AN_OBSTACLE not in held_by:
             held_by.append(AN_OBSTACLE)
         return kept

@@ -19,8 +19,8 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
+from flightstack.flight.surroundings import Surroundings
 from mission.geometry.geofence import LocalFence, LocalPoint
-from mission.geometry.known_obstacles import LocalObstacles
 
 RIM_M: Final = 0.8
 """How far outside of the rooms the way is: near the guard's limit a drone flies slowly."""
@@ -77,7 +77,7 @@ class WayAround:
     """One drone's way. `step` once a tick; between the ticks it remembers the way that is being flown."""
 
     def __init__(
-        self, fence: LocalFence | None, margin_m: float, obstacles: LocalObstacles | None = None
+        self, fence: LocalFence | None, margin_m: float, obstacles: Surroundings | None = None
     ) -> None:
         """`margin_m`: to the fence."""
         self._fence = fence

@@ -73,10 +73,10 @@ class Exchange:
 
     def _is_asked_for(self, now_s: float, digest: int, peers: Mapping[int, PeerFacts]) -> bool:
         """Whether somebody in reach knows another one."""
-        return any(
-            peer.table_digest not in (digest, NO_TABLE) and now_s - peer.heard_s < DIGEST_S
-            for peer in peers.values()
-        )
+        for peer in peers.values():
+            if peer.table_digest not in (digest, NO_TABLE) and now_s - peer.heard_s < DIGEST_S:
+                return True
+        return False
 
 
 class OrderExchange(Exchange):
@@ -86,7 +86,7 @@ class OrderExchange(Exchange):
         """By what the others have said since it was told: of a large swarm's states some are always lost, and what
         their senders said before is no reason to tell all again."""
         since_s = max(now_s - DIGEST_S, self._told_s + ANSWER_S)
-        return any(
-            peer.order_digest != digest and peer.table_digest != NO_TABLE and peer.heard_s > since_s
-            for peer in peers.values()
-        )
+        for peer in peers.values():
+            if peer.order_digest != digest and peer.table_digest != NO_TABLE and peer.heard_s > since_s:
+                return True
+        return False

@@ -47,6 +47,7 @@ class _Window:
 
     def __init__(self, width: int) -> None:
         self._width = width
+        self._all = (1 << width) - 1
         self._newest = -1
         self._seen = 0
         """Bit n: the number that is n below the newest."""
@@ -54,7 +55,7 @@ class _Window:
     def is_new(self, number: int) -> bool:
         ahead = number - self._newest
         if ahead > 0:
-            self._seen = (self._seen << min(ahead, self._width) | 1) & ((1 << self._width) - 1)
+            self._seen = (self._seen << min(ahead, self._width) | 1) & self._all
             self._newest = number
             return True
         if -ahead >= self._width or self._seen >> -ahead & 1:
@@ -68,7 +69,25 @@ class _Starts:
 
     def __init__(self) -> None:
         self.newest = -1
+        self.last: int | None = None
+        """Who was heard last."""
+        self.windows: dict[str, _Window] = {}
+        """Of that one."""
         self.known: dict[int, dict[str, _Window]] = {}
+
+    def turn_to(self, incarnation: int) -> bool:
+        """Another one than the last is heard; False for one of the past."""
+        windows = self.known.pop(incarnation, None)
+        if windows is None:
+            if incarnation < self.newest:
+                return False
+            windows = {}
+        self.newest = max(self.newest, incarnation)
+        self.known[incarnation] = windows
+        while len(self.known) > INCARNATIONS_AT_MOST:
+            del self.known[next(iter(self.known))]
+        self.last, self.windows = incarnation, windows
+        return True
 
 
 class MessageMemory:
@@ -79,24 +98,20 @@ class MessageMemory:
 
     def judge(self, received: Received, message: Counted) -> Freshness:
         """Whether a message counts, that is believed otherwise; it is remembered. One without numbers is new."""
-        incarnation, number = message.incarnation, message.sequence
+        incarnation = message.incarnation
         if incarnation == 0:
             return Freshness.NEW
-        starts = self._senders.pop(received.sender, None) or _Starts()
-        self._senders[received.sender] = starts
-        while len(self._senders) > SENDERS_AT_MOST:
-            del self._senders[next(iter(self._senders))]
-        windows = starts.known.pop(incarnation, None)
-        if windows is None:
-            if incarnation < starts.newest:
-                return Freshness.PAST
-            windows = {}
-        starts.newest = max(starts.newest, incarnation)
-        starts.known[incarnation] = windows
-        while len(starts.known) > INCARNATIONS_AT_MOST:
-            del starts.known[next(iter(starts.known))]
+        senders, sender = self._senders, received.sender
+        starts = senders.pop(sender, None)
+        if starts is None:
+            starts = _Starts()
+        senders[sender] = starts
+        if len(senders) > SENDERS_AT_MOST:
+            del senders[next(iter(senders))]
+        if incarnation != starts.last and not starts.turn_to(incarnation):
+            return Freshness.PAST
         topic = received.topic
-        window = windows.get(topic.name)
+        window = starts.windows.get(topic.name)
         if window is None:
-            window = windows[topic.name] = _Window(_WINDOWS[topic.delivery])
-        return Freshness.NEW if window.is_new(number) else Freshness.REPEATED
+            window = starts.windows[topic.name] = _Window(_WINDOWS[topic.delivery])
+        return Freshness.NEW if window.is_new(message.sequence) else Freshness.REPEATED

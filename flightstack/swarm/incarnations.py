@@ -8,7 +8,9 @@ for longer: a twin that comes, is refused and goes must leave nothing behind.
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Final
+
+import msgspec
 
 from flightstack.swarm.wire import DroneState, Phase
 
@@ -28,7 +30,7 @@ TWINS_S: Final = 5.0
 _KEPT: Final = 16
 
 
-class _Heard(NamedTuple):
+class _Heard(msgspec.Struct):
     sequence: int
     time_s: float
     place: int
@@ -51,6 +53,8 @@ class Incarnations:
     def hear(self, now_s: float, state: DroneState) -> bool:
         """Take a state; whether it counts. False for one that is late, and for a twin's."""
         incarnation = state.incarnation
+        if incarnation == self._last and len(self._heard) == 1:
+            return self._hear_again(now_s, state)
         known = self._heard.pop(incarnation, None)
         if known is not None and state.sequence <= known.sequence:
             self._heard[incarnation] = known
@@ -74,6 +78,15 @@ class Incarnations:
             if speaks and _rank(state) <= _rank(speaker):
                 return False
             self.restarts += known is None
+        self.speaker = state
+        return True
+
+    def _hear_again(self, now_s: float, state: DroneState) -> bool:
+        """The same for the only one that was ever heard."""
+        known = self._heard[state.incarnation]
+        if state.sequence <= known.sequence:
+            return False
+        known.sequence, known.time_s = state.sequence, now_s
         self.speaker = state
         return True
 

@@ -113,9 +113,13 @@ class Membership:
         """By drone: the life in which it is suspected, and since when that is known here."""
         self._missed_since_s: dict[int, float] = {}
         """By watched drone: since when it can have been missed, by its newest life or the beginning of the watch."""
+        self._watched: Collection[int] = ()
+        """Those that were given last."""
         self._joined: set[int] = set()
         """Members that were heard to take part in this survey."""
         self._incarnations: dict[int, int] = {}
+        self._seen: dict[int, PeerFacts] = {}
+        """The newest facts of each that have been looked at."""
         self._lost: dict[int, int] = {}
         """By drone: the life in which it was lost."""
         self._reception = Reception()
@@ -128,6 +132,8 @@ class Membership:
         self._present = frozenset(self._members)
         self._present_is_stale = True
         self._digest: int | None = None
+        self._doubted_are_stale = False
+        """Others may have come into doubt, or out of it, since the last step."""
         if not takes_part:
             self.leave()
 
@@ -192,24 +198,24 @@ class Membership:
     def step(self, now_s: float, peers: Mapping[int, PeerFacts], watched: Collection[int]) -> tuple[int, ...]:
         """Look for who is missed among `watched`, and who has left among all that are heard; give who is lost since
         the step before, by ascending id."""
-        self._reception.look(peers)
+        seen, others = self._seen, self._others
+        news = {drone: peer for drone, peer in peers.items() if seen.get(drone) is not peer}
+        seen.update(news)
+        self._reception.look(news)
+        for drone, peer in news.items():
+            if drone in others and now_s - peer.heard_s < self._suspect_after_s:
+                self._look_at(now_s, drone, peer)
+                self._accused.pop(drone, None)
+                self._vain.pop(drone, None)
         heard = 1
         for drone, peer in peers.items():
-            if drone not in self._others:
-                continue
-            silence_s = now_s - peer.heard_s
-            if peer.taking_part:
-                heard += silence_s < HEARD_S
-            if silence_s < self._suspect_after_s:
-                self._look_at(now_s, drone, peer)
-                if drone in self._accused or drone in self._vain:
-                    self._accused.pop(drone, None)
-                    self._vain.pop(drone, None)
+            if peer.taking_part and now_s - peer.heard_s < HEARD_S and drone in others:
+                heard += 1
         if self._support and now_s - self._support[-1][0] > self._suspect_after_s:
             self._wake(now_s)
             heard = 1
         self._note_support(now_s, heard)
-        self._watch(now_s, peers, {*watched} - {self._drone})
+        self._watch(now_s, peers, watched)
         return self._count_out(now_s, peers)
 
     @property
@@ -225,7 +231,7 @@ class Membership:
     def _write(self, drone: int, register: MemberRegister) -> None:
         if self._registers.get(drone) != register:
             self._registers[drone] = register
-            self._present_is_stale, self._digest = True, None
+            self._present_is_stale, self._digest, self._doubted_are_stale = True, None, True
 
     def _is_present(self, drone: int) -> bool:
         return drone not in self._registers or self.standing(drone) not in (Standing.LOST, Standing.LEFT)
@@ -255,18 +261,21 @@ class Membership:
             self._write(drone, msgspec.structs.replace(register, left=register.life))
 
     def _watch(self, now_s: float, peers: Mapping[int, PeerFacts], watched: Collection[int]) -> None:
-        self._missed_since_s = {drone: self._missed_since_s.get(drone, now_s) for drone in watched}
-        for drone in watched:
+        if watched is not self._watched:
+            self._watched = watched
+            self._missed_since_s = {
+                drone: self._missed_since_s.get(drone, now_s) for drone in {*watched} - {self._drone}
+            }
+        patience_s = self._suspect_after_s * self._reception.patience
+        for drone, before_s in self._missed_since_s.items():
             heard_s = peers[drone].heard_s if drone in peers else self._began_s
-            self._missed_since_s[drone] = max(self._missed_since_s[drone], heard_s)
-            may_be_late = drone not in self._joined and now_s - self._began_s < JOIN_S
+            missed_s = self._missed_since_s[drone] = max(before_s, heard_s)
             register = self._registers.get(drone, UNDOUBTED)
-            if self._accused.get(drone, register.life) < register.life:
+            if self._accused and self._accused.get(drone, register.life) < register.life:
                 self._accused.pop(drone)
                 self._vain[drone] = min(self._vain.get(drone, 0) + 1, MOST_IN_VAIN)
-            patience_s = self._suspect_after_s * self._reception.patience * 2 ** self._vain.get(drone, 0)
-            silence_s = now_s - self._missed_since_s[drone]
-            if silence_s <= patience_s or may_be_late:
+            may_be_late = drone not in self._joined and now_s - self._began_s < JOIN_S
+            if now_s - missed_s <= patience_s * 2 ** self._vain.get(drone, 0) or may_be_late:
                 continue
             if self.standing(drone) is Standing.ALIVE:
                 self._write(drone, msgspec.structs.replace(register, suspected=register.life))
@@ -275,17 +284,21 @@ class Membership:
                 self._missed_since_s[drone] = now_s
 
     def _count_out(self, now_s: float, peers: Mapping[int, PeerFacts]) -> tuple[int, ...]:
-        doubted = {
-            drone: register.life
-            for drone, register in self._registers.items()
-            if register.suspected == register.life and drone != self._drone
-        }
-        since_s = self._suspected_since_s
-        self._suspected_since_s = {
-            drone: since_s[drone] if drone in since_s and since_s[drone][0] == life else (life, now_s)
-            for drone, life in doubted.items()
-        }
+        if self._doubted_are_stale:
+            self._doubted_are_stale = False
+            doubted = {
+                drone: register.life
+                for drone, register in self._registers.items()
+                if register.suspected == register.life and drone != self._drone
+            }
+            since_s = self._suspected_since_s
+            self._suspected_since_s = {
+                drone: since_s[drone] if drone in since_s and since_s[drone][0] == life else (life, now_s)
+                for drone, life in doubted.items()
+            }
         before = self._lost
+        if not (self._suspected_since_s or before):
+            return ()
         self._lost = {}
         patience = self._reception.patience
         for drone, (life, at_s) in self._suspected_since_s.items():

@@ -169,27 +169,34 @@ class Peers:
         return peer if message.incarnation == peer.facts.incarnation else None
 
     def _hear_state(self, now_s: float, state: DroneState) -> None:
-        if not self._incarnations.setdefault(state.sender, Incarnations()).hear(now_s, state):
+        sender = state.sender
+        incarnations = self._incarnations.get(sender)
+        if incarnations is None:
+            incarnations = self._incarnations[sender] = Incarnations()
+        if not incarnations.hear(now_s, state):
             return
-        facts = PeerFacts(
+        taking_part = state.phase in TAKING_PART
+        facts = self._facts[sender] = PeerFacts(
             now_s,
-            state.phase in TAKING_PART,
+            taking_part,
             state.healing,
             state.position_ned_m,
             state.incarnation,
-            state.table_digest if state.airborne or state.phase in TAKING_PART else NO_TABLE,
+            state.table_digest if taking_part or state.airborne else NO_TABLE,
             state.order_digest,
         )
-        self._facts[state.sender] = facts
-        before = self.peers.get(state.sender)
-        since_s = math.inf
-        if facts.taking_part and state.airborne:
-            heard = before is not None and now_s - before.facts.heard_s < FRESH_S
-            since_s = min(now_s, before.surveying_since_s) if before is not None and heard else now_s
-        if before is None or state.position_ned_m is not None:
-            self.peers[state.sender] = Peer(state, facts, state, now_s, since_s)
-        else:
-            self.peers[state.sender] = Peer(state, facts, before.placed, before.placed_s, since_s)
+        peer = self.peers.get(sender)
+        if peer is None:
+            since_s = now_s if taking_part and state.airborne else math.inf
+            self.peers[sender] = Peer(state, facts, state, now_s, since_s)
+            return
+        if not (taking_part and state.airborne):
+            peer.surveying_since_s = math.inf
+        elif now_s - peer.facts.heard_s >= FRESH_S or peer.surveying_since_s > now_s:
+            peer.surveying_since_s = now_s
+        peer.state, peer.facts = state, facts
+        if state.position_ned_m is not None:
+            peer.placed, peer.placed_s = state, now_s
 
 
 def _aged(estimate: Scalar | None, age_s: float) -> Scalar | None:

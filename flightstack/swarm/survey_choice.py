@@ -62,9 +62,8 @@ class SurveyChoice:
             known = self._flown.get(said.sender)
             if known is not None and known.told.survey == said.survey:
                 known.order = said
-        for drone, flown in tuple(self._flown.items()):
-            if now_s - flown.heard_s >= FORGOTTEN_S:
-                del self._flown[drone]
+        if self._flown:
+            self._flown = {d: f for d, f in self._flown.items() if now_s - f.heard_s < FORGOTTEN_S}
 
     def differ(self, survey: str) -> bool:
         """Whether somebody flies another survey than this."""

@@ -6,10 +6,8 @@ fault on one link does not change what happens on the others.
 
 from __future__ import annotations
 
-import collections
 import dataclasses
 import functools
-import heapq
 import itertools
 import math
 import random
@@ -18,7 +16,7 @@ from typing import Final
 
 from flightstack.swarm.topics import TOPICS, Delivery, Received, Topic
 from flightstack.transport import TransportError
-from flightstack.transport.backlog import KEPT_PER_SENDER
+from flightstack.transport.backlog import KEPT_PER_SENDER, trimmed
 from flightstack.transport.radio_model import RadioModel
 from flightstack.transport.transmit_queue import Copy, TransmitQueue
 from mission.geometry.frames import Vector3
@@ -27,6 +25,8 @@ _RESEND_S: Final = 0.2
 """What each loss costs a reliable message: TCP's smallest retransmission time."""
 _RELIABLE_BACKLOG: Final = 4096
 """Also what a node that nobody empties, a dead agent's, may hold."""
+_UNTRIMMED: Final = 1024
+"""What has come to a node is looked through when it is so much."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,12 +63,12 @@ class LossyLink:
 
     def __init__(self, seed: int, sender: str, receiver: str) -> None:
         self._random = random.Random(f"{seed}/{sender}/{receiver}")
-        self._latest_s = dict.fromkeys(Delivery, -math.inf)
+        self._latest_s = self._latest_reliable_s = -math.inf
         """A link keeps the order of what it delivers, separately for each kind of delivery."""
 
     def arrivals_s(
         self, now_s: float, conditions: Conditions, delivery: Delivery, loss_on_the_way: float | None = None
-    ) -> list[float]:
+    ) -> tuple[float, ...]:
         """When a message sent now arrives: never, once, or twice. Where nothing is left to chance, none is drawn.
 
         `loss_on_the_way`, 1 for one who is out of reach, comes on top of the conditions' (None: chance has no part in
@@ -79,7 +79,7 @@ class LossyLink:
         if loss_on_the_way is not None:
             loss = 1.0 - (1.0 - loss) * (1.0 - loss_on_the_way)
         elif conditions.certain:
-            return [self._in_order_s(now_s + conditions.delay_s, delivery)]
+            return (self._in_order_s(now_s + conditions.delay_s, delivery),)
         draw = self._random.random
         lost, repeated, overtaken = draw(), draw(), draw()
         late = draw()
@@ -87,24 +87,27 @@ class LossyLink:
         due_s = now_s + conditions.delay_s + jitter_s
         if delivery is Delivery.RELIABLE:
             if loss == 1.0:
-                return []
+                return ()
             while lost < loss:
                 due_s += _RESEND_S
                 lost = draw()
-            return [self._in_order_s(due_s, delivery)]
+            return (self._in_order_s(due_s, delivery),)
         if lost < loss:
-            return []
+            return ()
         if overtaken < conditions.reordering:
-            arrivals_s = [due_s + conditions.held_back_s]
+            due_s += conditions.held_back_s
+        elif due_s > self._latest_s:
+            self._latest_s = due_s
         else:
-            arrivals_s = [self._in_order_s(due_s, delivery)]
-        if repeated < conditions.duplication:
-            arrivals_s.append(arrivals_s[0])
-        return arrivals_s
+            due_s = self._latest_s
+        return (due_s, due_s) if repeated < conditions.duplication else (due_s,)
 
     def _in_order_s(self, due_s: float, delivery: Delivery) -> float:
-        latest_s = self._latest_s[delivery] = max(due_s, self._latest_s[delivery])
-        return latest_s
+        if delivery is Delivery.RELIABLE:
+            self._latest_reliable_s = due_s = max(due_s, self._latest_reliable_s)
+        else:
+            self._latest_s = due_s = max(due_s, self._latest_s)
+        return due_s
 
 
 class MemoryTransport:
@@ -115,9 +118,9 @@ class MemoryTransport:
         self._radio = radio
         self._receives = frozenset(topic.name for topic in receives)
         self._closed = False
-        self._arrivals = itertools.count()
-        self._newest: dict[tuple[str, str], collections.deque[tuple[int, Received]]] = {}
-        self._reliable: collections.deque[tuple[int, Received]] = collections.deque(maxlen=_RELIABLE_BACKLOG)
+        self._arrived: list[Received] = []
+        """What has come, oldest first."""
+        self._trimmed_at = _UNTRIMMED
 
     def publish(self, topic: Topic, payload: bytes) -> None:
         self._check_open()
@@ -125,9 +128,13 @@ class MemoryTransport:
 
     def receive(self) -> list[Received]:
         self._check_open()
-        held = sorted(itertools.chain(self._reliable, *self._newest.values()), key=lambda item: item[0])
+        arrived = self._arrived
         self.forget()
-        return [message for _, message in held]
+        if len(arrived) <= KEPT_PER_SENDER:
+            return arrived
+        sources = {(message.topic.name, message.sender) for message in arrived}
+        repeated = len(arrived) - len(sources)
+        return arrived if repeated < KEPT_PER_SENDER else _kept(arrived)
 
     def alive(self) -> set[str]:
         """The other nodes that this one could hear now."""
@@ -140,29 +147,35 @@ class MemoryTransport:
 
     def deliver(self, message: Received) -> None:
         """The radio's side: a message has arrived."""
-        if not self.wants(message.topic):
+        if message.topic.name not in self._receives:
             return
-        item = (next(self._arrivals), message)
-        if message.topic.delivery is Delivery.RELIABLE:
-            self._reliable.append(item)
-            return
-        source = (message.topic.name, message.sender)
-        kept = self._newest.get(source)
-        if kept is None:
-            kept = self._newest[source] = collections.deque(maxlen=KEPT_PER_SENDER)
-        kept.append(item)
+        self._arrived.append(message)
+        if len(self._arrived) >= self._trimmed_at:
+            self._arrived = _kept(self._arrived)
+            self._trimmed_at = max(_UNTRIMMED, 2 * len(self._arrived))
 
     def wants(self, topic: Topic) -> bool:
         return topic.name in self._receives
 
     def forget(self) -> None:
         """Drop what has come and was not received."""
-        self._newest.clear()
-        self._reliable.clear()
+        self._arrived = []
+        self._trimmed_at = _UNTRIMMED
 
     def _check_open(self) -> None:
         if self._closed:
             raise TransportError(f"node {self.node} has left the swarm's network")
+
+
+def _kept(messages: list[Received]) -> list[Received]:
+    """The newest few of each sender's best-effort topics, and of the reliable ones as many as a node may hold."""
+    kept = trimmed(messages)
+    spare = sum(message.topic.delivery is Delivery.RELIABLE for message in kept) - _RELIABLE_BACKLOG
+    if spare <= 0:
+        return kept
+    reliable = (message for message in kept if message.topic.delivery is Delivery.RELIABLE)
+    dropped = {id(message) for message in itertools.islice(reliable, spare)}
+    return [message for message in kept if id(message) not in dropped]
 
 
 class MemoryRadio:
@@ -187,13 +200,20 @@ class MemoryRadio:
         self._seed = seed
         self._nodes: dict[str, MemoryTransport] = {}
         self._positions: dict[str, Callable[[], Vector3]] = {}
-        self._links: dict[tuple[str, str], LossyLink] = {}
+        self._links: dict[str, dict[str, LossyLink]] = {}
+        """By sender and receiver."""
         self._special: dict[tuple[str, str], Conditions] = {}
         self._cuts: dict[str, frozenset[str]] = {}
         self._off: set[str] = set()
         self._unheard: set[tuple[str, str]] = set()
+        self._audience: dict[str, dict[str, None]] = {}
+        """By sender: the nodes that would hear it wherever they are, in the order in which they joined; made anew
+        when nodes come or go, or a fault begins or ends."""
         self._order = itertools.count()
         self._in_flight: list[tuple[float, int, str, Received]] = []
+        """(when it arrives, in which order it was sent, receiver, message)."""
+        self._next_s = math.inf
+        """When the next of them arrives."""
         self._model = model
         self._queues: dict[str, TransmitQueue] = {}
         """What each node has still to send, where bandwidth is limited; also of a node that has left since."""
@@ -213,6 +233,7 @@ class MemoryRadio:
         if name in self._nodes:
             raise TransportError(f"node {name} is on the radio already; close it first")
         self._nodes[name] = transport = MemoryTransport(self, name, receives)
+        self._audience.clear()
         if position is not None:
             self._positions[name] = position
         return transport
@@ -220,6 +241,7 @@ class MemoryRadio:
     def leave(self, node: str) -> None:
         """The node is gone, and what it said last still comes from its place; `MemoryTransport.close` calls this."""
         self._nodes.pop(node, None)
+        self._audience.clear()
 
     def place(self, node: int | str, position_ned_m: Vector3) -> None:
         """Where `node` is from now on."""
@@ -237,56 +259,67 @@ class MemoryRadio:
     def cut(self, name: str, group: Collection[int | str]) -> None:
         """Partition: nobody in `group` hears anybody outside it, until `mend(name)`."""
         self._cuts[name] = frozenset(str(node) for node in group)
+        self._audience.clear()
 
     def mend(self, name: str) -> None:
         if self._cuts.pop(name, None) is None:
             raise ValueError(f"no partition is named {name!r}")
+        self._audience.clear()
 
     def switch_off(self, node: int | str) -> None:
         """The node's radio is dead: it sends nothing, hears nothing and forgets what it had heard."""
         self._off.add(str(node))
+        self._audience.clear()
         if str(node) in self._nodes:
             self._nodes[str(node)].forget()
 
     def switch_on(self, node: int | str) -> None:
         self._off.discard(str(node))
+        self._audience.clear()
 
     def block(self, sender: int | str, receiver: int | str) -> None:
         """One way: `receiver` does not hear `sender`, until `unblock`; the other direction stays as it is."""
         self._unheard.add((str(sender), str(receiver)))
+        self._audience.clear()
 
     def unblock(self, sender: int | str, receiver: int | str) -> None:
         self._unheard.discard((str(sender), str(receiver)))
+        self._audience.clear()
 
     # -- traffic -------------------------------------------------------------------------------------------------
 
     def send(self, sender: str, topic: Topic, payload: bytes) -> None:
         """Put a message on the air; `MemoryTransport.publish` calls this."""
         message = Received(topic, sender, bytes(payload))
-        undisturbed = self._undisturbed
-        for receiver, node in self._nodes.items():
-            if receiver == sender or not (undisturbed or self._works(sender, receiver)):
-                continue
-            if self._model.bandwidth_bytes_per_s is None:
-                self._launch(self.now_s, receiver, message)
-            elif node.wants(topic) and (undisturbed or self._connected(sender, receiver)):
-                self._queue(sender, self._model.bandwidth_bytes_per_s).put(
-                    self.now_s, Copy(receiver, message)
-                )
+        bandwidth_bytes_per_s = self._model.bandwidth_bytes_per_s
+        if bandwidth_bytes_per_s is None:
+            self._launch(self.now_s, self._heard_by(sender), message)
+            return
+        for receiver in self._heard_by(sender):
+            if self._nodes[receiver].wants(topic) and self._connected(sender, receiver):
+                self._queue(sender, bandwidth_bytes_per_s).put(self.now_s, Copy(receiver, message))
 
     def step(self, now_s: float) -> None:
         """Deliver what is due by `now_s`. A message whose link has broken on its way is lost."""
         if now_s < self.now_s:
             raise ValueError(f"time goes back from {self.now_s} s to {now_s} s")
         self.now_s = now_s
-        in_flight, nodes, undisturbed = self._in_flight, self._nodes, self._undisturbed
         for sender, queue in self._queues.items():
             for left_s, (receiver, message) in queue.departed(now_s):
-                if receiver in nodes and (undisturbed or self._works(sender, receiver)):
-                    self._launch(left_s, receiver, message)
-        while in_flight and in_flight[0][0] <= now_s:
-            _, _, receiver, message = heapq.heappop(in_flight)
-            if receiver in nodes and (undisturbed or self._connected(message.sender, receiver)):
+                if receiver in self._heard_by(sender):
+                    self._launch(left_s, (receiver,), message)
+        if self._next_s > now_s:
+            return
+        due = [item for item in self._in_flight if item[0] <= now_s]
+        self._in_flight = [item for item in self._in_flight if item[0] > now_s]
+        self._next_s = min((item[0] for item in self._in_flight), default=math.inf)
+        due.sort()
+        nodes, places_matter, known = self._nodes, self._places_matter, self._audience
+        for _, _, receiver, message in due:
+            sender = message.sender
+            if receiver not in (known[sender] if sender in known else self._heard_by(sender)):
+                continue
+            if not places_matter or self._loss_on_the_way(sender, receiver) < 1.0:
                 nodes[receiver].deliver(message)
 
     def audible(self, node: str) -> set[str]:
@@ -297,11 +330,13 @@ class MemoryRadio:
     def _places_matter(self) -> bool:
         return self.range_m is not None or self._model.link_budget is not None or bool(self._model.ridges)
 
-    @property
-    def _undisturbed(self) -> bool:
-        """Everybody hears everybody, and nobody need be asked about whom."""
-        faults = self._off or self._cuts or self._unheard
-        return not faults and not self._places_matter
+    def _heard_by(self, sender: str) -> dict[str, None]:
+        """The nodes that hear `sender`, wherever they are."""
+        audience = self._audience.get(sender)
+        if audience is None:
+            heard = (node for node in self._nodes if node != sender and self._works(sender, node))
+            audience = self._audience[sender] = dict.fromkeys(heard)
+        return audience
 
     def _connected(self, sender: str, receiver: str) -> bool:
         return self._works(sender, receiver) and self._loss_on_the_way(sender, receiver) < 1.0
@@ -323,23 +358,28 @@ class MemoryRadio:
             return 1.0
         return self._model.loss_between(there, here)
 
-    def _launch(self, now_s: float, receiver: str, message: Received) -> None:
+    def _launch(self, now_s: float, receivers: Iterable[str], message: Received) -> None:
         """A message leaves its sender at `now_s`."""
-        sender = message.sender
-        pair = (sender, receiver)
-        lost: float | None = None
-        if self._places_matter:
-            lost = self._loss_on_the_way(sender, receiver)
-            if self._model.link_budget is None:
-                if lost == 1.0:
-                    return
-                lost = None
-        link = self._links.get(pair)
-        if link is None:
-            link = self._links[pair] = LossyLink(self._seed, sender, receiver)
-        conditions = self._special.get(pair, self.conditions)
-        for due_s in link.arrivals_s(now_s, conditions, message.topic.delivery, lost):
-            heapq.heappush(self._in_flight, (due_s, next(self._order), receiver, message))
+        sender, delivery = message.sender, message.topic.delivery
+        places_matter, special, in_flight = self._places_matter, self._special, self._in_flight
+        links = self._links.setdefault(sender, {})
+        conditions, lost = self.conditions, None
+        for receiver in receivers:
+            if places_matter:
+                lost = self._loss_on_the_way(sender, receiver)
+                if self._model.link_budget is None:
+                    if lost == 1.0:
+                        continue
+                    lost = None
+            link = links.get(receiver)
+            if link is None:
+                link = links[receiver] = LossyLink(self._seed, sender, receiver)
+            if special:
+                conditions = special.get((sender, receiver), self.conditions)
+            for due_s in link.arrivals_s(now_s, conditions, delivery, lost):
+                in_flight.append((due_s, next(self._order), receiver, message))
+                if due_s < self._next_s:
+                    self._next_s = due_s
 
     def _queue(self, sender: str, bandwidth_bytes_per_s: float) -> TransmitQueue:
         if sender not in self._queues:

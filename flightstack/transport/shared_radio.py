@@ -81,14 +81,14 @@ class RadioEnd:
             self._places.close()
             self._places = None
 
-    def _arrivals_s(self, now_s: float, message: Received) -> list[float]:
+    def _arrivals_s(self, now_s: float, message: Received) -> tuple[float, ...]:
         sender, topic = message.sender, message.topic
         if sender in self._unheard:
-            return []
+            return ()
         lost: float | None = self._loss_on_the_way(sender)
         if self._model.link_budget is None:
             if lost == 1.0:
-                return []
+                return ()
             lost = None
         link = self._links.get((sender, topic.name))
         if link is None:

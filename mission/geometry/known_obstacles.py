@@ -21,6 +21,9 @@ from mission.geometry.geofence import WIDEST_M, LocalFence, LocalPoint, Vertex
 
 _MITRE_LIMIT = 2.0
 _ROUNDING_M = 1e-6
+SIGHT_M = 20.0
+_BEARINGS_RAD = tuple(index * math.tau / 24.0 for index in range(24))
+_BEAMS = np.array([(math.cos(bearing_rad), math.sin(bearing_rad)) for bearing_rad in _BEARINGS_RAD])
 _NOTHING = shapely.Point()
 
 
@@ -155,6 +158,20 @@ class LocalObstacles:
         without any."""
         walls = self._shapes[self._tops_m + self.margin_m > above_home_m]
         return float(np.min(shapely.distance(walls, shapely.points(north_m, east_m)), initial=math.inf))
+
+    def ranges_m(self, position_ned_m: Vector3) -> tuple[tuple[float, float], ...]:
+        """What a range finder would see of them: (bearing_rad from north towards east, range_m), infinite where
+        nothing is within `SIGHT_M`; empty where nothing is near at all."""
+        near = [one for one in self.beside(position_ned_m, SIGHT_M) if one.above_m < 0.0]
+        if not near:
+            return ()
+        north_m, east_m, down_m = position_ned_m
+        walls = self._shapes[self._tops_m > -down_m]
+        ends = SIGHT_M * _BEAMS + np.array((north_m, east_m))
+        lines = shapely.linestrings(np.stack((np.broadcast_to((north_m, east_m), ends.shape), ends), axis=1))
+        hit = shapely.intersection(lines, shapely.union_all(walls))
+        away_m = shapely.distance(hit, shapely.points(north_m, east_m))
+        return tuple(zip(_BEARINGS_RAD, np.where(np.isnan(away_m), math.inf, away_m).tolist(), strict=True))
 
     def is_free(self, north_m: float, east_m: float, above_home_m: float) -> bool:
         """Whether a place at a height keeps the margin from all that is not well below it."""

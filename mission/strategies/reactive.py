@@ -158,8 +158,18 @@ def _with_declaration(name: str, own: type[msgspec.Struct]) -> type[msgspec.Stru
         for kind in (own, DeclarationParameters)
         for field in msgspec.structs.fields(kind)
     ]
+
+    def check_both(given: msgspec.Struct) -> None:
+        _only(own, given)
+        _only(DeclarationParameters, given)
+
     return msgspec.defstruct(
-        f"{own.__name__}InFlight", fields, frozen=True, kw_only=True, forbid_unknown_fields=True
+        f"{own.__name__}InFlight",
+        fields,
+        frozen=True,
+        kw_only=True,
+        forbid_unknown_fields=True,
+        namespace={"__post_init__": check_both},
     )
 
 

@@ -23,12 +23,14 @@ from simvehicle.autopilot.message_router import MessageRouter
 from simvehicle.autopilot.message_streams import MessageStreams
 from simvehicle.autopilot.mission_run import Told
 from simvehicle.autopilot.missions import MissionServer, StoredItem, empty_lists
+from simvehicle.autopilot.obstacle_report import ObstacleReport
 from simvehicle.autopilot.parameters import Parameters, ParameterServer
 from simvehicle.autopilot.personality import FlavourRecipe, SharedParts
 from simvehicle.autopilot.pilot import RemoteControl
 from simvehicle.autopilot.telemetry_motion import MotionTelemetry
 from simvehicle.autopilot.telemetry_status import StatusTelemetry
 from simvehicle.autopilot.uploaded_lists import FenceAreas, UploadedLists
+from simvehicle.vehicle.range_finder import RangeFinder, RangeFinderConfig
 from simvehicle.vehicle.vehicle import make_vehicle
 from simvehicle.world.air import World
 
@@ -52,8 +54,10 @@ class Autopilot:
         quiet: bool = False,
         signing: Signing | None = None,
         usb_links: tuple[int, ...] = (),
+        range_finder: RangeFinderConfig | None = None,
     ) -> None:
-        """`signing`: the key that the vehicle was given before. On `usb_links` it needs no signature."""
+        """`signing`: the key that the vehicle was given before. On `usb_links` it needs no signature.
+        `range_finder`: of a sensor that speaks MAVLink on the first link."""
         parameters.set(recipe.system_parameter, float(system))
         self.parameters = parameters
         self.silent = False
@@ -67,6 +71,10 @@ class Autopilot:
         vehicle = make_vehicle(world, home_ned_m, recipe.battery(parameters), system=system, seed=seed)
         self.vehicle = vehicle
         self.flight = Flight(vehicle, recipe.limits(parameters), ready_after_s, self._announcer.say)
+        self.obstacle_report: ObstacleReport | None = None
+        if range_finder is not None:
+            finder = RangeFinder(range_finder, world.obstacles, system=system, seed=seed)
+            self.obstacle_report = ObstacleReport(finder, self.flight, self._channels[0], system)
         self.lists: dict[int, list[StoredItem]] = empty_lists()
         """Mission, fence and rally points as they were uploaded."""
         self.fence = FenceAreas()
@@ -190,6 +198,8 @@ class Autopilot:
                 self._announcer.flush()
             self._parameter_server.step()
             self.streams.send_due(now_s)
+            if self.obstacle_report is not None:
+                self.obstacle_report.step(now_s)
 
     def _contact(self, wanted_down_mps2: float) -> None:
         impact_mps = self.flight.take_impact_mps()

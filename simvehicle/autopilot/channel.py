@@ -77,6 +77,10 @@ class Channel:
     def send(self, message: Any) -> None:
         self._out.append(self._signatures.sign(self.link, self._sender.encode(message)))
 
+    def pass_on(self, data: bytes) -> None:
+        """A frame of another component of this vehicle, signed as the autopilot's own."""
+        self._out.append(self._signatures.sign(self.link, data))
+
     def forward(self, frame: MavlinkFrame) -> None:
         """Pass on another component's message as it came, with its signature or without."""
         self._out.append(frame.data)

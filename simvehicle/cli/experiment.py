@@ -30,7 +30,19 @@ from simvehicle.cli.trial_options import (
     words,
 )
 
-EXPERIMENTS = ("locus-1", "locus-2", "locus-3", "locus-4")
+EXPERIMENTS = (
+    "locus-1",
+    "locus-2",
+    "locus-3",
+    "locus-4",
+    "fluxo-1",
+    "fluxo-2",
+    "fluxo-3",
+    "fluxo-4",
+    "forces-small",
+    "forces-large",
+    "tracing",
+)
 """Of `simvehicle.experiments.papers`, which takes long to import."""
 
 

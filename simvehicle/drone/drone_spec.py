@@ -9,6 +9,7 @@ from msgspec import Meta
 
 from flightstack.config import Section
 from mission.geometry.frames import Vector3
+from simvehicle.vehicle.range_finder import RangeFinderConfig
 
 
 class EmulatedInstrument(Section, frozen=True, kw_only=True):
@@ -31,6 +32,8 @@ class VehicleSpec(Section, frozen=True, kw_only=True):
     usb_links: tuple[int, ...] = ()
     """Which of `links` (0 is the first) are cables at the autopilot's USB port, where it needs no signature."""
     instruments: tuple[EmulatedInstrument, ...] = ()
+    range_finder: RangeFinderConfig | None = None
+    """A sensor that sees obstacles around it, and says on the first link what it sees."""
     quiet: bool = False
     """A PX4 sends its companion (the first link) 18 kB/s that nobody asked for. Quiet: 1 kB/s, as on other links."""
     parameters: dict[str, float] = msgspec.field(default_factory=dict)

@@ -67,6 +67,9 @@ class Drone:
     def set_turned_over(self, turned_over: bool) -> None:
         self.vehicle.set_turned_over(turned_over)
 
+    def set_range_finder(self, *, silent: bool, lies_m: float) -> None:
+        self.vehicle.set_range_finder(silent=silent, lies_m=lies_m)
+
     def set_silent(self, silent: bool) -> None:
         self.vehicle.set_silent(silent)
 

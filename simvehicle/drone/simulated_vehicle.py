@@ -61,6 +61,7 @@ class SimulatedVehicle:
             quiet=spec.quiet,
             signing=signing,
             usb_links=spec.usb_links,
+            range_finder=spec.range_finder,
         )
         self._body = self.autopilot.vehicle.body
 
@@ -161,6 +162,12 @@ class SimulatedVehicle:
             self.autopilot.personality.unheard.discard(what)
         else:
             self.autopilot.personality.unheard.add(what)
+
+    def set_range_finder(self, *, silent: bool, lies_m: float) -> None:
+        """Whether its range finder says nothing, and how much farther than they are it sees things."""
+        report = self.autopilot.obstacle_report
+        if report is not None:
+            report.finder.silent, report.finder.lies_m = silent, lies_m
 
     def set_silent(self, silent: bool) -> None:
         """Its radio is dead: it neither sends nor hears."""

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from simvehicle.experiments.experiment import Paper
+from simvehicle.experiments.forces.forces_paper import FORCES
+from simvehicle.experiments.lattice.lattice_paper import LATTICE
 from simvehicle.experiments.locus.paper import LOCUS
+from simvehicle.experiments.tracing.traced_paper import TRACING
 from simvehicle.trials.trials_error import TrialsError
 
-PAPERS: tuple[Paper, ...] = (LOCUS,)
+PAPERS: tuple[Paper, ...] = (LOCUS, LATTICE, TRACING, FORCES)
 
 
 def paper_of(name: str) -> Paper:

@@ -21,6 +21,8 @@ FaultKind = Literal[
     "motor",
     "tumble",
     "silence",
+    "range_silent",
+    "range_lying",
 ]
 Unheard = Literal["remote_control", "ground_link"]
 """What an autopilot misses, by which its failsafe acts."""
@@ -39,7 +41,8 @@ class FaultSpec(Section, frozen=True, kw_only=True):
     by_ppm: Annotated[float, Meta(ge=-1e6, le=1e6)] = 500.0
     """Of "lying": so much more than there is says an instrument for CO2."""
     by_m: Annotated[float, Meta(ge=-1000.0, le=1000.0)] = 10.0
-    """Of "gps_jump": so far north of where it is does the autopilot believe the vehicle to be."""
+    """Of "gps_jump": so far north of where it is does the autopilot believe the vehicle to be. Of "range_lying": so
+    much farther than it is does the range finder see what is there (negative: nearer)."""
     unheard: Unheard | None = None
     """Of "failsafe": what the autopilot hears no longer. It does what its parameters say."""
     until_s: float | None = None
@@ -75,6 +78,10 @@ class Victim(Protocol):
 
     def set_turned_over(self, turned_over: bool) -> None:
         """Its motors stop, and it falls on its back."""
+        ...
+
+    def set_range_finder(self, *, silent: bool, lies_m: float) -> None:
+        """Whether its range finder says nothing, and how much farther than they are it sees things."""
         ...
 
     def set_silent(self, silent: bool) -> None:
@@ -128,6 +135,14 @@ FAULTS: dict[FaultKind, Fault] = {
     ),
     "motor": Fault(lambda victim, _: victim.set_motors(False), lambda victim, _: victim.set_motors(True)),
     "tumble": Fault(lambda victim, _: victim.set_turned_over(True)),
+    "range_silent": Fault(
+        lambda victim, _: victim.set_range_finder(silent=True, lies_m=0.0),
+        lambda victim, _: victim.set_range_finder(silent=False, lies_m=0.0),
+    ),
+    "range_lying": Fault(
+        lambda victim, fault: victim.set_range_finder(silent=False, lies_m=fault.by_m),
+        lambda victim, _: victim.set_range_finder(silent=False, lies_m=0.0),
+    ),
     "silence": Fault(lambda victim, _: victim.set_silent(True), lambda victim, _: victim.set_silent(False)),
 }
 """By the names that survey files and `--fault` use (there with "-" for "_")."""

@@ -61,16 +61,21 @@ def problems(config: FleetConfig) -> Iterator[FleetError]:
             yield FleetError(f"{where}.drone", f"no vehicle has the id {fault.drone}; there are {ids}")
         else:
             types = {instrument.name: instrument.type for instrument in target.instruments}
-            for field, problem in what_does_not_fit(fault, f"vehicle {fault.drone}", types):
+            for field, problem in what_does_not_fit(
+                fault, f"vehicle {fault.drone}", types, looks_around=target.range_finder is not None
+            ):
                 yield FleetError(f"{where}.{field}", problem)
         if fault.until_s is not None and fault.until_s <= fault.at_s:
             yield FleetError(f"{where}.until_s", f"is not after at_s ({fault.at_s:g})")
 
 
 def what_does_not_fit(
-    fault: FaultSpec, whose: str, instruments: Mapping[str, str]
+    fault: FaultSpec, whose: str, instruments: Mapping[str, str], *, looks_around: bool
 ) -> Iterator[tuple[str, str]]:
-    """(field of the fault, what is wrong with it) for a vehicle that carries `instruments` (name -> type)."""
+    """(field of the fault, what is wrong with it) for a vehicle that carries `instruments` (name -> type), and a
+    range finder if it `looks_around`."""
+    if fault.kind in ("range_silent", "range_lying") and not looks_around:
+        yield "kind", f"{whose} carries no range_finder"
     needs = FAULTS[fault.kind].needs
     if "instrument" in needs and fault.instrument not in instruments:
         yield (

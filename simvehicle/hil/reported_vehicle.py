@@ -138,6 +138,10 @@ class ReportedVehicle:
     def set_heard(self, what: Unheard, heard: bool) -> None:
         raise UnreachableFaultError(f"{what} to be heard: {heard}; the vehicle's own do not go through us")
 
+    def set_range_finder(self, *, silent: bool, lies_m: float) -> None:
+        what = f"silent: {silent}, {lies_m:g} m wrong"
+        raise UnreachableFaultError(f"range finder to be {what}; a real autopilot's vehicle has none")
+
     def set_silent(self, silent: bool) -> None:
         raise UnreachableFaultError(f"links to be silent: {silent}; the vehicle's own do not go through us")
 

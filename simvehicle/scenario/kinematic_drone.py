@@ -46,6 +46,7 @@ STEP_M: Final = 3.0
 UP_AGAIN_S: Final = 3.0
 """From an agent's start to its taking part: it reads its vehicle and is told of the survey."""
 _PART_TICKS: Final = 5
+_OF_THE_TABLE: Final = (TableState, OrderState, ReadingsState)
 _HOLD: Final = Hold()
 
 
@@ -102,13 +103,13 @@ class KinematicDrone:
         return self._transfer_s is None
 
     def hear(self, now_s: float, messages: Iterable[Message]) -> None:
+        peers = self.peers
         for message in messages:
-            if isinstance(message, TableState | OrderState | ReadingsState):
-                if self.peers.speaks(message.sender, message.incarnation):
-                    self._heard.append(message)
-                    self.peers.hear(now_s, message)
-            else:
-                self.peers.hear(now_s, message)
+            if isinstance(message, DroneState):
+                peers.hear(now_s, message)
+            elif isinstance(message, _OF_THE_TABLE) and peers.speaks(message.sender, message.incarnation):
+                self._heard.append(message)
+                peers.hear(now_s, message)
 
     def step(self, now_s: float) -> None:
         self._ticks += 1

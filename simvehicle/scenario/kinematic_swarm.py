@@ -7,10 +7,10 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-from flightstack.swarm.admission import Admission, Message, Refusal
-from flightstack.swarm.freshness import Counted, Freshness, MessageMemory
+from flightstack.swarm.admission import Admission, Message
+from flightstack.swarm.freshness import Freshness, MessageMemory
 from flightstack.swarm.topics import ORDER, READINGS, STATE, TABLE, Received
-from flightstack.swarm.wire import Phase
+from flightstack.swarm.wire import DroneState, OrderState, Phase, ReadingsState, TableState
 from flightstack.transport.memory import MemoryRadio, MemoryTransport
 from flightstack.transport.radio_model import RadioModel
 from mission.geometry.formation import make_layout
@@ -20,6 +20,8 @@ from simvehicle.scenario.kinematic_drone import TICK_S, UP_AGAIN_S, KinematicDro
 
 HEIGHT_M: Final = 10.0
 _TOPICS: Final = (STATE, TABLE, ORDER, READINGS)
+Said = DroneState | TableState | OrderState | ReadingsState
+"""What is on the air here."""
 
 
 @dataclasses.dataclass
@@ -58,7 +60,7 @@ class KinematicSwarm:
         self._calm = self.radio.conditions
         self._pieces: dict[SwarmFaultSpec, list[str]] = {}
         self._admission = Admission(self.ids, 0)
-        self._read: dict[int, tuple[Received, Message]] = {}
+        self._read: dict[int, tuple[Received, Said]] = {}
         """By identity: a message that is heard by many is decoded and judged once, as each of them would."""
         anchor: Vector3 = (0.0, 0.0, -HEIGHT_M)
         for drone in self.ids:
@@ -90,20 +92,19 @@ class KinematicSwarm:
 
     def _admitted(self, member: KinematicMember, received: Sequence[Received]) -> list[Message]:
         """What counts of what has come to a drone: what it has heard before does not."""
-        messages = []
+        messages: list[Message] = []
+        read, judge = self._read, member.memory.judge
         for item in received:
-            message = self._decoded(item)
-            if not isinstance(message, Counted) or member.memory.judge(item, message) is Freshness.NEW:
+            known = read.get(id(item))
+            message = known[1] if known is not None and known[0] is item else self._decoded(item)
+            if judge(item, message) is Freshness.NEW:
                 messages.append(message)
         return messages
 
-    def _decoded(self, received: Received) -> Message:
-        known = self._read.get(id(received))
-        if known is not None and known[0] is received:
-            return known[1]
+    def _decoded(self, received: Received) -> Said:
         message = self._admission.read(received)
-        if isinstance(message, Refusal):
-            raise RuntimeError(f"a drone of ours is not believed: {message.text}")
+        if not isinstance(message, Said):
+            raise RuntimeError(f"a drone of ours is not believed: {message}")
         self._read[id(received)] = received, message
         return message
 

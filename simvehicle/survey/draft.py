@@ -27,6 +27,7 @@ from simvehicle.drone.drone_spec import EmulatedInstrument, VehicleSpec
 from simvehicle.fleet.fleet_config import FleetConfig
 from simvehicle.survey.survey_file import GROUND_STATION, Survey, SurveyDrone, known_obstacles
 from simvehicle.vehicle.dynamics import DRAG_PER_S
+from simvehicle.vehicle.range_finder import RangeFinderConfig
 
 AGENT_START_WALL_S = 60.0
 """How long agents may take to start before the ground station wonders about them."""
@@ -150,7 +151,7 @@ def draft(survey: Survey, addresses: Addresses) -> Draft:
     fleet = FleetConfig(
         origin=config.origin,
         vehicles=tuple(
-            _vehicle(drone, own, addresses.ground_mavlink)
+            _vehicle(drone, own, addresses.ground_mavlink, config.range_finder)
             for drone, own in zip(survey.drones, addresses.drones, strict=True)
         ),
         wind=config.wind,
@@ -187,7 +188,9 @@ def _radio(survey: Survey, directory: pathlib.Path) -> SharedRadio | None:
     )
 
 
-def _vehicle(drone: SurveyDrone, own: DroneAddresses, ground_mavlink: str) -> VehicleSpec:
+def _vehicle(
+    drone: SurveyDrone, own: DroneAddresses, ground_mavlink: str, range_finder: RangeFinderConfig | None
+) -> VehicleSpec:
     return VehicleSpec(
         id=drone.id,
         flavour=drone.flavour,
@@ -198,6 +201,7 @@ def _vehicle(drone: SurveyDrone, own: DroneAddresses, ground_mavlink: str) -> Ve
             EmulatedInstrument(name=i.name, type=i.type, port=port)
             for i, port in zip(drone.instruments or (), own.instruments, strict=True)
         ),
+        range_finder=range_finder,
         quiet=True,  # a real PX4's unasked streams would cost as much as everything else in a simulated swarm
         parameters=drone.parameters,
     )

@@ -12,13 +12,13 @@ from simvehicle.faults.fault_table import FAULTS, FaultKind, FaultSpec
 
 _FAULT = re.compile(
     r"^(?:(?P<which>[A-Za-z0-9_-]+)-)??(?P<kind>unplug|stuck|lying|gps[_-]loss|gps[_-]jump|battery[_-]low|failsafe"
-    r"|motor|tumble|silence)"
+    r"|motor|tumble|silence|range[_-]silent|range[_-]lying)"
     r":(?P<drone>\d+)@(?P<at>\d+(?:\.\d+)?)(?:-(?P<until>\d+(?:\.\d+)?))?$"
 )
 _FAULT_FORM = (
     "write INSTRUMENT-unplug:DRONE@SECONDS, or instead of INSTRUMENT-unplug: INSTRUMENT-stuck, INSTRUMENT-lying, "
-    "gps-loss, gps-jump, battery-low, remote-control-failsafe, ground-link-failsafe, motor, tumble or silence; "
-    "with -SECONDS behind if it mends itself"
+    "gps-loss, gps-jump, battery-low, remote-control-failsafe, ground-link-failsafe, motor, tumble, silence, "
+    "range-silent or range-lying; with -SECONDS behind if it mends itself"
 )
 
 

@@ -40,14 +40,17 @@ from simvehicle.fleet.fleet_config import FARTHEST_HOME_M
 from simvehicle.fleet.fleet_problems import what_does_not_fit
 from simvehicle.instruments import make_emulator
 from simvehicle.survey.fault_options import fault_option
+from simvehicle.vehicle.range_finder import RangeFinderConfig
 from simvehicle.world.configured import make_world
 from simvehicle.world.obstacles import Obstacles
 from simvehicle.world.world_config import GaussianPlume, Obstacle, WorldConfig
-from simvehicle.world.world_problems import WAY_M, shut_in, sources
 from simvehicle.world.world_problems import problems as world_problems
+from simvehicle.world.world_problems import shut_in, sources
 
 GROUND_STATION = "ground"
 """The ground station's name among the nodes of the swarm."""
+WAY_M = 2.0
+"""Width of a way between obstacles that counts as free for a drone."""
 Flavour = Literal["ardupilot", "px4"]
 
 
@@ -102,6 +105,8 @@ class SurveyConfig(WorldConfig, frozen=True, kw_only=True):
     launch_line: LaunchLine | None = None
     """Instead of `drones`."""
     instruments: tuple[InstrumentChoice, ...] = (InstrumentChoice(name="co2", type="sba5"),)
+    range_finder: RangeFinderConfig | None = None
+    """Every drone carries one; None: nobody."""
     formation: FormationConfig = FormationConfig()
     limits: LimitsConfig = LimitsConfig()
     geofence: FenceChoice = None
@@ -375,7 +380,7 @@ class _Checks:
                     f"drone {drone.id}'s launch point is {where}; move it or widen the fence",
                 )
         aims = sources(self._config)
-        if aims and not any(local.contains(*place) for _, place in aims):
+        if aims and not any(local.contains(*place[:2]) for _, place in aims):
             self._warnings.append(
                 f"{self._file}: plume: its source lies outside the geofence: the swarm cannot reach it"
             )
@@ -385,21 +390,25 @@ class _Checks:
         config = self._config
         if not config.obstacles:
             return
-        homes = [(drone.home_north_m, drone.home_east_m) for drone in drones]
-        clear_m = Obstacles(config.obstacles).clearances_m(np.array([(*home, 0.0) for home in homes]))
-        for index, (drone, away_m) in enumerate(zip(drones, clear_m.tolist(), strict=True)):
+        homes = [(drone.home_north_m, drone.home_east_m, 0.0) for drone in drones]
+        obstacles = Obstacles(config.obstacles)
+        for index, drone in enumerate(drones):
+            away_m = obstacles.clearance_m(homes[index])
             if away_m < 0.5 * WAY_M:
                 where = "inside an obstacle" if away_m < 0.0 else f"{away_m:.1f} m from an obstacle"
                 raise self._fail(
                     self._place(index, "home_north_m"),
                     f"drone {drone.id}'s launch point is {where}; move one of them, at least {0.5 * WAY_M:g} m apart",
                 )
-        aims = sources(config)
+        local = LocalFence(self._frame, fence) if fence else None
+        # Of sources outside the fence a warning has told already.
+        aims = [aim for aim in sources(config) if local is None or local.contains(*aim[1][:2])]
         shut = shut_in(
             [*homes, *(place for _, place in aims)],
             config.obstacles,
+            way_m=WAY_M,
             ceiling_m=config.limits.ceiling_above_home_m,
-            bounds=LocalFence(self._frame, fence).area if fence else None,
+            bounds=None if local is None else local.area,
         )
         way = f"no way of {WAY_M:g} m between the obstacles, below the ceiling and inside the fence, leads"
         for index, drone in enumerate(drones):
@@ -416,7 +425,8 @@ class _Checks:
         by_id = {drone.id: drone for drone in drones}
         own = len(self._config.faults) - len(self._extra_faults)
         for index, fault in enumerate(self._config.faults):
-            for field, problem in _fault_problems(fault, by_id):
+            looks_around = self._config.range_finder is not None
+            for field, problem in _fault_problems(fault, by_id, looks_around=looks_around):
                 if index >= own:
                     raise DocumentError(f"--fault {fault_option(fault)}", problem)
                 raise self._fail(f"faults[{index}].{field}", problem)
@@ -436,11 +446,13 @@ def _dead_link_problems(link: tuple[int | str, int | str], drones: list[int]) ->
         yield f"{link[0]} hears itself; write [sender, who does not hear it]"
 
 
-def _fault_problems(fault: FaultSpec, drones: Mapping[int, SurveyDrone]) -> Iterator[tuple[str, str]]:
+def _fault_problems(
+    fault: FaultSpec, drones: Mapping[int, SurveyDrone], *, looks_around: bool
+) -> Iterator[tuple[str, str]]:
     if fault.drone not in drones:
         yield "drone", f"there is no drone {fault.drone}, but {list(drones)}"
         return
     types = {i.name: i.type for i in drones[fault.drone].instruments or ()}
-    yield from what_does_not_fit(fault, f"drone {fault.drone}", types)
+    yield from what_does_not_fit(fault, f"drone {fault.drone}", types, looks_around=looks_around)
     if fault.until_s is not None and fault.until_s <= fault.at_s:
         yield "until_s", f"it breaks at {fault.at_s:g} s, so it cannot mend at {fault.until_s:g} s"

@@ -79,10 +79,10 @@ class Store:
             _write_whole(path, msgspec.json.format(msgspec.json.encode(self._run)) + b"\n")
             return
         try:
-            before = msgspec.to_builtins(msgspec.json.decode(path.read_bytes(), type=Run))
+            before = _plain(msgspec.json.decode(path.read_bytes(), type=Run))
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
             raise TrialsError(f"{path}: not the description of a run: {error}") from error
-        now = msgspec.json.decode(msgspec.json.encode(self._run))
+        now = _plain(self._run)
         differs = [field for field in Run.__struct_fields__ if before[field] != now[field]]
         if not differs:
             return
@@ -117,6 +117,12 @@ class Store:
             except (OSError, ValueError) as error:
                 raise TrialsError(f"{path}: cannot be read ({error}); remove it and run again") from error
         return pd.concat(frames, ignore_index=True)
+
+
+def _plain(run: Run) -> dict[str, Any]:
+    """A run as its file has it: its cells may be of any struct."""
+    fields: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(run))
+    return fields
 
 
 def _write_whole(path: pathlib.Path, data: bytes) -> None:

@@ -5,8 +5,9 @@ side in the order in which they were released, at positions relative to their so
 neighbours in memory are neighbours in the air. A block of them has one box, and a point that lies outside of it asks
 none of them.
 
-All forms of the concentration add the same terms of `exp_minus` in the same order: one point, many points and the
-nodes of a grid get the same bits.
+A puff is the product of three bells, one an axis. All forms of the concentration multiply and add the same numbers in
+the same order: one point, many points and the nodes of a grid get the same bits, and a grid needs a bell for each row
+and each column instead of one for each node.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ INVERSE_R2, WEIGHT = 3, 4
 BLOCK = 32
 """Puffs of one box."""
 CUT_R2 = 16.0
-"""Further away than four radii a puff smells of nothing: exp(-16) = 1e-7, what single precision does not see."""
+"""Further away than four radii along any axis a puff smells of nothing: exp(-16) = 1e-7, what single precision does
+not see."""
 
 _ZERO, _ONE, _TWO, _HALF = np.float32(0.0), np.float32(1.0), np.float32(2.0), np.float32(0.5)
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
@@ -71,6 +73,13 @@ def exp_minus(square: np.float32) -> np.float32:
     value *= value
     value *= value
     return value if square < _CUT else _ZERO
+
+
+@leaf
+def _high(up_m: np.float32, puff_up_m: np.float32, inverse: np.float32) -> np.float32:
+    """How much of a puff is at a height, with what the ground reflects of it."""
+    above, mirrored = up_m - puff_up_m, up_m + puff_up_m
+    return exp_minus(above * above * inverse) + exp_minus(mirrored * mirrored * inverse)
 
 
 @kernel
@@ -346,13 +355,11 @@ def concentration_at(
             for k in range(block * BLOCK, min((block + 1) * BLOCK, counts[source])):
                 inverse, weight = ready[INVERSE_R2, source, k], ready[WEIGHT, source, k]
                 dn, de = n - ready[NORTH, source, k], e - ready[EAST, source, k]
-                aside = dn * dn + de * de
+                if dn * dn * inverse >= _CUT or de * de * inverse >= _CUT:
+                    continue
                 if upright:
-                    above, mirrored = u - ready[UP, source, k], u + ready[UP, source, k]
-                    total += weight * exp_minus((aside + above * above) * inverse)
-                    total += weight * exp_minus((aside + mirrored * mirrored) * inverse)
-                else:
-                    total += weight * exp_minus(aside * inverse)
+                    weight *= _high(u, ready[UP, source, k], inverse)
+                total += weight * exp_minus(dn * dn * inverse) * exp_minus(de * de * inverse)
     return float(total)
 
 
@@ -405,22 +412,49 @@ def concentrations(
                         ready[EAST, source, k],
                         ready[UP, source, k],
                     )
+                    if upright and lowest != highest:
+                        for i in range(size):
+                            dn, de = ns[i] - puff_n, es[i] - puff_e
+                            here = weight * _high(us[i], puff_up, inverse)
+                            sums[i] += here * exp_minus(dn * dn * inverse) * exp_minus(de * de * inverse)
+                        continue
                     if upright:
-                        for i in range(size):
-                            dn, de = ns[i] - puff_n, es[i] - puff_e
-                            above, mirrored = us[i] - puff_up, us[i] + puff_up
-                            aside = dn * dn + de * de
-                            sums[i] += weight * exp_minus((aside + above * above) * inverse)
-                            sums[i] += weight * exp_minus((aside + mirrored * mirrored) * inverse)
-                    else:
-                        for i in range(size):
-                            dn, de = ns[i] - puff_n, es[i] - puff_e
-                            sums[i] += weight * exp_minus((dn * dn + de * de) * inverse)
+                        weight *= _high(lowest, puff_up, inverse)
+                    for i in range(size):
+                        dn, de = ns[i] - puff_n, es[i] - puff_e
+                        sums[i] += weight * exp_minus(dn * dn * inverse) * exp_minus(de * de * inverse)
         for i in range(size):
             north_m, east_m = positions_ned_m[begin + i, 0], positions_ned_m[begin + i, 1]
             up_m = -positions_ned_m[begin + i, 2]
             hidden = (upright and up_m < 0.0) or inside(barriers, north_m, east_m, up_m)
             values[begin + i] = 0.0 if hidden else sums[i]
+
+
+@kernel
+def _bell(
+    places_m: SingleArray, puff_m: np.float32, inverse: np.float32, weight: np.float32, bell: SingleArray
+) -> None:
+    """Fill `bell` with `weight` times the puff's bell along one axis."""
+    for i in range(len(places_m)):
+        away_m = places_m[i] - puff_m
+        bell[i] = weight * exp_minus(away_m * away_m * inverse)
+
+
+@kernel
+def _not_zero(bell: SingleArray) -> tuple[int, int]:
+    """The first place that is not zero, and that behind the last."""
+    begin, end = 0, len(bell)
+    while begin < end and bell[begin] == _ZERO:
+        begin += 1
+    while end > begin and bell[end - 1] == _ZERO:
+        end -= 1
+    return begin, end
+
+
+@kernel
+def _add(row: SingleArray, weight: np.float32, bell: SingleArray) -> None:
+    for j in range(len(row)):
+        row[j] += weight * bell[j]
 
 
 @compiled
@@ -441,37 +475,28 @@ def grid_concentrations(
         return
     rows, columns = len(norths_m), len(easts_m)
     u = np.float32(up_m)
-    spacing_n = max(norths_m[-1] - norths_m[0], 1e-9) / max(rows - 1, 1)
-    spacing_e = max(easts_m[-1] - easts_m[0], 1e-9) / max(columns - 1, 1)
     ns, es = np.empty(rows, np.float32), np.empty(columns, np.float32)
+    bells_n, bells_e = np.empty((BLOCK, rows), np.float32), np.empty((BLOCK, columns), np.float32)
+    first, last = np.empty(BLOCK, np.int64), np.empty(BLOCK, np.int64)
     for source in range(ready.shape[1]):
         for i in range(rows):
             ns[i] = norths_m[i] - sources_m[source, 0]
         for j in range(columns):
             es[j] = easts_m[j] - sources_m[source, 1]
-        for k in range(counts[source]):
-            inverse, weight = ready[INVERSE_R2, source, k], ready[WEIGHT, source, k]
-            puff_n, puff_e, puff_up = ready[NORTH, source, k], ready[EAST, source, k], ready[UP, source, k]
-            above2 = (u - puff_up) * (u - puff_up)
-            mirrored2 = (u + puff_up) * (u + puff_up)
-            reach = 1.0001 * math.sqrt(CUT_R2 / inverse)
-            south = max(0, math.ceil((puff_n - reach - ns[0]) / spacing_n) - 1)
-            north = min(rows, math.floor((puff_n + reach - ns[0]) / spacing_n) + 2)
-            west = max(0, math.ceil((puff_e - reach - es[0]) / spacing_e) - 1)
-            east = min(columns, math.floor((puff_e + reach - es[0]) / spacing_e) + 2)
-            for i in range(south, north):
-                dn = ns[i] - puff_n
-                row = values[i]
+        for begin in range(0, counts[source], BLOCK):
+            size = min(BLOCK, counts[source] - begin)
+            for m in range(size):
+                inverse, weight = ready[INVERSE_R2, source, begin + m], ready[WEIGHT, source, begin + m]
                 if upright:
-                    for j in range(west, east):
-                        de = es[j] - puff_e
-                        aside = dn * dn + de * de
-                        row[j] += weight * exp_minus((aside + above2) * inverse)
-                        row[j] += weight * exp_minus((aside + mirrored2) * inverse)
-                else:
-                    for j in range(west, east):
-                        de = es[j] - puff_e
-                        row[j] += weight * exp_minus((dn * dn + de * de) * inverse)
+                    weight *= _high(u, ready[UP, source, begin + m], inverse)
+                _bell(ns, ready[NORTH, source, begin + m], inverse, weight, bells_n[m])
+                _bell(es, ready[EAST, source, begin + m], inverse, _ONE, bells_e[m])
+                first[m], last[m] = _not_zero(bells_e[m])
+            for i in range(rows):
+                row = values[i]
+                for m in range(size):
+                    if bells_n[m, i] > _ZERO:
+                        _add(row[first[m] : last[m]], bells_n[m, i], bells_e[m, first[m] : last[m]])
     for i in range(rows):
         for j in range(columns):
             if inside(barriers, norths_m[i], easts_m[j], up_m):

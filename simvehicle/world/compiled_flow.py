@@ -25,8 +25,10 @@ def flow_step(
 ) -> None:
     """Fill `after_mps` (2, nodes, nodes; north and east components) from `wind_mps`: rows go north, columns east.
 
-    du/dt = -(u . grad) u + K laplace(u): forward Euler in time, central differences in space. On the edges it is
-    interpolated between the corners, (2, south or north, west or east); `solid` nodes have no wind.
+    du/dt = -(u . grad) u + K laplace(u): forward Euler in time, central differences in space. Where the wind crosses
+    a cell faster than K mixes it, |u| dx > 2 K, K is as much as makes the differences upwind ones (Spalding 1972):
+    every new value is then a mean of old ones, and no step up to `stable_step_s` makes a wind that was not there. On
+    the edges it is interpolated between the corners, (2, south or north, west or east); `solid` nodes have no wind.
     """
     nodes = solid.shape[0]
     for axis in range(2):
@@ -52,6 +54,7 @@ def flow_step(
                 after_mps[0, i, j] = after_mps[1, i, j] = 0.0
                 continue
             along_n, along_e = advect * wind_mps[0, i, j], advect * wind_mps[1, i, j]
+            mix_n, mix_e = max(diffuse, abs(along_n)), max(diffuse, abs(along_e))
             for axis in range(2):
                 here = wind_mps[axis, i, j]
                 north, south = wind_mps[axis, i + 1, j], wind_mps[axis, i - 1, j]
@@ -60,7 +63,8 @@ def flow_step(
                     here
                     - along_n * (north - south)
                     - along_e * (east - west)
-                    + diffuse * (north + south + east + west - 4.0 * here)
+                    + mix_n * (north + south - 2.0 * here)
+                    + mix_e * (east + west - 2.0 * here)
                 )
 
 

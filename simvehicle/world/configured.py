@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from mission.geometry.frames import LocalFrame
 from simvehicle.world.air import World
+from simvehicle.world.boundary_layer import BoundaryLayerWind
 from simvehicle.world.fields import OPEN_GROUND, WindField
 from simvehicle.world.gas import make_gas
 from simvehicle.world.obstacles import Obstacles
 from simvehicle.world.wind import GustyWind
-from simvehicle.world.world_config import AnyWindConfig, WindConfig, WorldConfig
+from simvehicle.world.world_config import AnyWindConfig, BoundaryLayerWindConfig, WindConfig, WorldConfig
 
 
 def make_world(config: WorldConfig) -> World:
@@ -20,6 +21,8 @@ def make_world(config: WorldConfig) -> World:
     wind = make_wind(config.wind, config.seed, obstacles)
     # Puffs look half their step ahead: the wind still knows what it was now.
     gas = make_gas(config.plume, wind, config.origin.amsl_m, config.seed, obstacles)
+    # What is to be compiled for a question is compiled now, and not in flight.
+    gas.excess_co2_ppm((0.0, 0.0, 0.0), 0.0)
     standing = obstacles if obstacles.count else OPEN_GROUND
     return World(LocalFrame(config.origin), wind, gas, config.background_co2_ppm, standing)
 
@@ -28,6 +31,8 @@ def make_wind(config: AnyWindConfig, seed: int, obstacles: Obstacles) -> WindFie
     """The wind that a configuration describes, around what stands in it."""
     if isinstance(config, WindConfig):
         return GustyWind(config, seed)
+    if isinstance(config, BoundaryLayerWindConfig):
+        return BoundaryLayerWind(config, seed)
     # Loaded where it is asked for: who flies in a uniform wind starts without a solver.
     from simvehicle.world.grid_wind import GridWind
 

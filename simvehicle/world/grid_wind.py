@@ -1,4 +1,4 @@
-"""A wind that varies over the area: advection and diffusion from noisy corners, around obstacles.
+"""A wind that varies over the area: advection and diffusion from noisy corners, among obstacles.
 
 J. A. Farrell, J. Murlis, X. Long, W. Li, R. T. Carde: "Filament-based atmospheric dispersion model to achieve short
 time-scale structure of odor plumes", Environmental Fluid Mechanics 2, 143-169 (2002). Each of the four corners of a
@@ -11,6 +11,7 @@ which `GridWind.divergence_ps` tells.
 from __future__ import annotations
 
 import bisect
+import functools
 import math
 from typing import Final
 
@@ -51,16 +52,11 @@ class GridWind:
         self.nodes = config.cells + 1
         self.south_m = config.centre_north_m - 0.5 * config.length_m
         self.west_m = config.centre_east_m - 0.5 * config.length_m
+        self._corner_m = np.array([self.south_m, self.west_m])
         self.step_s = checked_step_s(config)
         self._tops_m = sorted({top for top in self.obstacles.tops_m.tolist() if math.isfinite(top)})
         """Plane k is the air from the k-th of these tops to the next."""
-        per_plane = [self.obstacles, *(self.obstacles.taller_than(top_m) for top_m in self._tops_m)]
-        self._solid = np.stack([self._near(standing, 0.5 * self.spacing_m) for standing in per_plane])
-        # A cell between four nodes that an obstacle reaches into.
-        self._touched = np.stack(
-            [self._near(standing, math.sqrt(0.5) * self.spacing_m, cells=True) for standing in per_plane]
-        )
-        self._touched_bytes = [plane.tobytes() for plane in self._touched]
+        self._standing = [self.obstacles, *(self.obstacles.taller_than(top_m) for top_m in self._tops_m)]
         self._touching: dict[int, Obstacles] = {}
         spin_up_s = min(2.0 * config.length_m / max(config.speed_mps, _SLOWEST_MPS), _LONGEST_SPIN_UP_S)
         """In which the flow forgets how it was begun, before time 0."""
@@ -77,6 +73,23 @@ class GridWind:
         self._held = -1
         self._views: list[tuple[memoryview, memoryview]] = []
         """Of each plane in the held state and in the one after it."""
+
+    # Found when somebody asks for the wind: who makes a world to know its mean does not wait for it.
+
+    @functools.cached_property
+    def _solid(self) -> NDArray[np.bool_]:
+        """(planes, nodes, nodes)"""
+        return np.stack([self._near(standing, 0.5 * self.spacing_m) for standing in self._standing])
+
+    @functools.cached_property
+    def _touched(self) -> NDArray[np.bool_]:
+        """(planes, nodes - 1, nodes - 1) cells that an obstacle reaches into."""
+        reach_m = math.sqrt(0.5) * self.spacing_m
+        return np.stack([self._near(standing, reach_m, cells=True) for standing in self._standing])
+
+    @functools.cached_property
+    def _touched_bytes(self) -> list[bytes]:
+        return [plane.tobytes() for plane in self._touched]
 
     @property
     def solid(self) -> NDArray[np.bool_]:
@@ -127,7 +140,7 @@ class GridWind:
             doubtful,
         )
         if self._has_obstacles:
-            doubtful[doubtful] = self.obstacles.clearances_m(positions[doubtful]) <= 0.0
+            doubtful[doubtful] = self.obstacles.stand_at_all(positions[doubtful])
             winds[doubtful] = 0.0
         return winds
 
@@ -172,7 +185,7 @@ class GridWind:
         after = np.empty_like(before)
         corners = self.corners_mps(index * self.step_s)
         for old, new, solid in zip(before, after, self._solid, strict=True):
-            flow_step(old, new, corners, solid, self.spacing_m, self.config.k_m2ps, self.step_s)
+            flow_step(old, new, corners, solid, self.spacing_m, self.config.diffusivity_m2ps, self.step_s)
         return after
 
     def _hold(self, index: int) -> None:
@@ -187,17 +200,23 @@ class GridWind:
     def _near(self, standing: Obstacles, within_m: float, *, cells: bool = False) -> NDArray[np.bool_]:
         """Which nodes (or middles of cells) an obstacle is so near to."""
         count, offset = (self.nodes - 1, 0.5) if cells else (self.nodes, 0.0)
-        if not standing.count:
-            return np.zeros((count, count), np.bool_)
-        along_m = self.spacing_m * (np.arange(count) + offset)
-        north, east = np.meshgrid(self.south_m + along_m, self.west_m + along_m, indexing="ij")
-        places = np.column_stack([north.ravel(), east.ravel(), np.zeros(count * count)])
-        return np.asarray(standing.clearances_m(places) <= within_m).reshape(count, count)
+        near = np.zeros((count, count), np.bool_)
+        for one in standing.each():
+            # Looked at where it can be only: a large grid has many nodes far from every obstacle.
+            low = np.floor((one.corners_m.min(axis=0) - within_m - self._corner_m) / self.spacing_m - offset)
+            high = np.ceil((one.corners_m.max(axis=0) + within_m - self._corner_m) / self.spacing_m - offset)
+            (row, column), (rows, columns) = (np.clip(ends, 0, count).astype(int) for ends in (low, high + 1))
+            along_n = self.south_m + self.spacing_m * (np.arange(row, rows) + offset)
+            along_e = self.west_m + self.spacing_m * (np.arange(column, columns) + offset)
+            north, east = np.meshgrid(along_n, along_e, indexing="ij")
+            places = np.column_stack([north.ravel(), east.ravel(), np.zeros(north.size)])
+            near[row:rows, column:columns] |= (one.clearances_m(places) <= within_m).reshape(north.shape)
+        return near
 
     def _inside(self, plane: int, row: float, column: float, position_ned_m: Vector3) -> bool:
         cells = self.nodes - 1
         if not (0.0 <= row < cells and 0.0 <= column < cells):
-            return self.obstacles.clearance_m(position_ned_m) <= 0.0
+            return self.obstacles.stand_at(position_ned_m)
         i, j = int(row), int(column)
         cell = i * cells + j
         if not self._touched_bytes[plane][cell]:
@@ -207,7 +226,7 @@ class GridWind:
         if standing is None:
             middle_m = (self.south_m + (i + 0.5) * self.spacing_m, self.west_m + (j + 0.5) * self.spacing_m)
             standing = self._touching[cell] = self.obstacles.near(middle_m, self.spacing_m)
-        return standing.clearance_m(position_ned_m) <= 0.0
+        return standing.stand_at(position_ned_m)
 
 
 def checked_step_s(config: GridWindConfig) -> float:
@@ -225,14 +244,18 @@ def checked_step_s(config: GridWindConfig) -> float:
     return config.step_s
 
 
+def nodes_per_s(config: GridWindConfig) -> float:
+    """How many nodes the solver updates for a second of the wind: a core does about 1e8 a second."""
+    return (config.cells + 1.0) ** 2 / checked_step_s(config)
+
+
 def fastest_mps(config: GridWindConfig) -> float:
-    """No wind of this configuration is ever faster."""
-    return config.speed_mps + _CLIP_SD * (config.spread_mps + config.noise_mps) * math.sqrt(2.0)
+    """No component of the wind of this configuration is ever faster."""
+    return config.speed_mps + _CLIP_SD * (config.spread_mps + config.noise_mps)
 
 
 def stable_step_s(config: GridWindConfig) -> float:
-    """The longest step of forward Euler with central differences that cannot grow: dt <= dx^2 / (4 K) for the
-    diffusion and dt <= 2 K / (u^2 + v^2) for the advection (Hindmarsh, Gresho and Griffiths 1984)."""
-    k_m2ps = config.k_m2ps
-    fastest = max(fastest_mps(config), 1e-9)
-    return min(config.spacing_m * config.spacing_m / (4.0 * k_m2ps), 2.0 * k_m2ps / (fastest * fastest))
+    """The longest step with which no node takes more from its neighbours than there is: dx^2 / (4 K) with the K that
+    `flow_step` takes where the wind is fastest."""
+    spacing_m = config.spacing_m
+    return spacing_m * spacing_m / (4.0 * max(config.diffusivity_m2ps, 0.5 * fastest_mps(config) * spacing_m))

@@ -24,6 +24,37 @@ class WindConfig(
     gust_time_s: Annotated[float, Meta(ge=0.1)] = 5.0
 
 
+class ThermalsConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Columns of rising air over sunlit ground, which drift with the wind; between them the air sinks."""
+
+    convective_mps: Annotated[float, Meta(ge=0.0, le=10.0)] = 1.5
+    """Convective velocity scale of the day: 1 weak, 2.5 and more strong."""
+    mixed_layer_m: Annotated[float, Meta(ge=100.0, le=5000.0)] = 1000.0
+    """How high thermals reach above home."""
+    life_s: Annotated[float, Meta(ge=60.0, le=36000.0)] = 1200.0
+
+
+class BoundaryLayerWindConfig(
+    msgspec.Struct,
+    frozen=True,
+    forbid_unknown_fields=True,
+    kw_only=True,
+    tag="boundary-layer",
+    tag_field="type",
+):
+    """Wind as it is over open ground: it grows with the height, and gusts and thermals drift with it."""
+
+    speed_mps: Annotated[float, Meta(ge=0.0, le=30.0)] = 3.0
+    """10 m above home."""
+    from_deg: Annotated[float, Meta(ge=0.0, le=360.0)] = 90.0
+    """Where the mean wind comes from, degrees clockwise from north."""
+    roughness_m: Annotated[float, Meta(ge=1e-5, le=1.0)] = 0.03
+    """Aerodynamic roughness of the ground: 0.005 bare soil, 0.03 grass, 0.1 crops and rocks, 1 forest."""
+    gustiness: Annotated[float, Meta(ge=0.0, le=3.0)] = 1.0
+    """Times the gusts that the model makes of the wind; 0: none."""
+    thermals: ThermalsConfig | None = None
+
+
 Regime = Literal["laminar", "transitional", "turbulent"]
 REGIMES: Final[dict[Regime, tuple[float, float]]] = {
     "laminar": (0.15, 0.1),
@@ -36,7 +67,7 @@ REGIMES: Final[dict[Regime, tuple[float, float]]] = {
 class GridWindConfig(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag="grid", tag_field="type"
 ):
-    """A wind that flows: it varies over the area and in time, and goes around what stands there."""
+    """A wind that flows: it varies over the area and in time, and is slowed down beside what stands there."""
 
     speed_mps: Annotated[float, Meta(ge=0.0, le=30.0)] = 3.0
     from_deg: Annotated[float, Meta(ge=0.0, le=360.0)] = 90.0
@@ -53,10 +84,9 @@ class GridWindConfig(
     """Standard deviation of each corner's steady wind from the mean, each axis, as a share of the mean speed."""
     corner_noise: Annotated[float, Meta(ge=0.0, le=5.0)] | None = None
     """Standard deviation of what varies in time in each corner, each axis, as a share of the mean speed."""
-    diffusivity_m2ps: Annotated[float, Meta(gt=0.0, le=1e5)] | None = None
-    """None: 3 m2/s, or the mean speed times a cell's width if that is more: with less the wind would ripple from cell
-    to cell beside obstacles."""
-    noise_bandwidth_radps: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.01
+    diffusivity_m2ps: Annotated[float, Meta(gt=0.0, le=1e5)] = 3.0
+    """At least: where the wind is fast and cells are wide the solver mixes more."""
+    noise_bandwidth_radps: Annotated[float, Meta(ge=1e-6, le=2.0)] = 0.01
     noise_damping: Annotated[float, Meta(ge=0.05, le=5.0)] = 0.5
     roughness_m: Annotated[float, Meta(gt=0.0, le=3.0)] | None = None
     """Aerodynamic roughness of the ground: the speed grows with the logarithm of the height, and `speed_mps` is that
@@ -77,12 +107,6 @@ class GridWindConfig(
     def noise_mps(self) -> float:
         share = REGIMES[self.regime][1] if self.corner_noise is None else self.corner_noise
         return share * self.speed_mps
-
-    @property
-    def k_m2ps(self) -> float:
-        if self.diffusivity_m2ps is not None:
-            return self.diffusivity_m2ps
-        return max(3.0, self.speed_mps * self.spacing_m)
 
 
 class GaussianPlume(
@@ -225,7 +249,7 @@ class PolygonalObstacle(
 
 
 Obstacle: TypeAlias = RectangularObstacle | PolygonalObstacle
-AnyWindConfig: TypeAlias = WindConfig | GridWindConfig
+AnyWindConfig: TypeAlias = WindConfig | GridWindConfig | BoundaryLayerWindConfig
 
 
 class WorldConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Final, TypeAlias
+from typing import Final
 
 import shapely
 
+from mission.geometry.frames import Vector3
 from simvehicle.world import obstacles as standing
 from simvehicle.world.gas_formulas import puff_strength_ppm_m3
 from simvehicle.world.world_config import (
     FilamentPlume,
+    FilamentSource,
     FlatFilamentPlume,
+    FlatFilamentSource,
     GaussianPlume,
     GridWindConfig,
     LocusGridPlume,
@@ -20,13 +23,14 @@ from simvehicle.world.world_config import (
     WorldConfig,
 )
 
-WAY_M: Final = 2.0
-"""Width of a way that counts as free between obstacles."""
+_NARROWEST_WAY_M: Final = 0.1
+"""Of a way out that is one at all: worlds may be as small as a room."""
 MOST_PUFFS: Final = 2_000_000
 """In the air at a time: some 200 MB."""
+MOST_NODES_PER_S: Final = 1e8
+"""A core updates about as many a second: with more the wind would be slower than its own time."""
 _BEYOND_M: Final = 100.0
 """So far around everything the ground is open."""
-_Place: TypeAlias = tuple[float, float]
 
 
 def problems(config: WorldConfig) -> Iterator[tuple[str, str]]:
@@ -39,48 +43,58 @@ def problems(config: WorldConfig) -> Iterator[tuple[str, str]]:
         yield from _puff_problems(config.plume, config.origin.amsl_m)
     if broken:
         return  # nobody can tell what is inside an outline that is none
+    standing_there = standing.Obstacles(config.obstacles)
     for field, source in sources(config):
-        yield from _source_problems(config, field, source)
+        yield from _source_problems(config, standing_there, field, source)
     if isinstance(config.wind, GridWindConfig) and _covers_edges(config.wind, config.obstacles):
         yield (
             "obstacles",
             "they cover the whole edge of the wind's grid, so that no air comes in; move or shrink them",
         )
+    aims = sources(config)
     for (field, _), shut in zip(
-        sources(config), shut_in([p for _, p in sources(config)], config.obstacles), strict=True
+        aims, shut_in([place for _, place in aims], config.obstacles, way_m=_NARROWEST_WAY_M), strict=True
     ):
         if shut:
-            yield field, f"the source is shut in: no way of {WAY_M:g} m between the obstacles leads out"
+            yield field, "the source is shut in: no way between the obstacles leads out; open or move them"
 
 
-def sources(config: WorldConfig) -> list[tuple[str, _Place]]:
-    """(field, (north, east) in metres) of each source of gas."""
-    plume: object = config.plume
-    if isinstance(plume, GaussianPlume | LocusGridPlume):
-        return [("plume", (plume.source_north_m, plume.source_east_m))]
-    if isinstance(plume, FilamentPlume | FlatFilamentPlume):
-        places = [(one.north_m, one.east_m) for one in plume.sources]
-        return [(f"plume.sources[{k}]", place) for k, place in enumerate(places)]
-    return []
+def sources(config: WorldConfig) -> list[tuple[str, Vector3]]:
+    """(field, north, east, down in metres) of each source of gas; one without a height is at the ground."""
+    plume = config.plume
+    if isinstance(plume, GaussianPlume):
+        return [("plume", (plume.source_north_m, plume.source_east_m, -plume.source_above_home_m))]
+    if isinstance(plume, LocusGridPlume):
+        return [("plume", (plume.source_north_m, plume.source_east_m, 0.0))]
+    if plume is None:
+        return []
+    sources: tuple[FilamentSource | FlatFilamentSource, ...] = plume.sources
+    return [
+        (f"plume.sources[{k}]", (one.north_m, one.east_m, -getattr(one, "above_home_m", 0.0)))
+        for k, one in enumerate(sources)
+    ]
 
 
 def shut_in(
-    places_m: Sequence[_Place],
+    places_ned_m: Sequence[Vector3],
     obstacles: Sequence[Obstacle],
     *,
+    way_m: float,
     ceiling_m: float = math.inf,
     bounds: shapely.Geometry | None = None,
 ) -> list[bool]:
-    """Of each place, north and east: whether no way that is `WAY_M` wide leads from it to the open ground, or inside
-    `bounds` (x north, y east) to the first place. Who may fly as high as `ceiling_m` flies over what ends below.
+    """Of each place, whatever its height: whether no way that is `way_m` wide leads from it to the open ground.
+
+    With `bounds` (x north, y east): to the first place, inside them. Who may fly as high as `ceiling_m` flies over
+    what ends below.
     """
     outlines = [
         shapely.Polygon(obstacle.outline()) for obstacle in obstacles if standing.top_m(obstacle) >= ceiling_m
     ]
-    if not outlines or not places_m:
-        return [False] * len(places_m)
-    filled = shapely.union_all(outlines).buffer(0.5 * WAY_M)
-    points = [shapely.Point(place) for place in places_m]
+    if not outlines or not places_ned_m:
+        return [False] * len(places_ned_m)
+    filled = shapely.union_all(outlines).buffer(0.5 * way_m)
+    points = [shapely.Point(place[:2]) for place in places_ned_m]
     if bounds is None:
         everything = shapely.union_all([filled, *points])
         bounds = shapely.box(*everything.buffer(_BEYOND_M).bounds)
@@ -89,24 +103,31 @@ def shut_in(
         aim = points[0]
     parts = shapely.get_parts(bounds.difference(filled))
     # What stands nearer to an obstacle than half a way's width begins at the nearest free ground.
-    return [_part(point, parts) != _part(aim, parts) for point in points]
+    return [_part(point, parts, way_m) != _part(aim, parts, way_m) for point in points]
 
 
-def _part(point: shapely.Point, parts: Sequence[shapely.Geometry]) -> int | None:
-    """Which of the parts a point is in, or nearly in."""
+def _part(point: shapely.Point, parts: Sequence[shapely.Geometry], within_m: float) -> int | None:
+    """Which of the parts a point is in, or so near to."""
     distances_m = [part.distance(point) for part in parts]
-    if not distances_m or min(distances_m) > WAY_M:
+    if not distances_m or min(distances_m) > within_m:
         return None
     return distances_m.index(min(distances_m))
 
 
 def _wind_problems(wind: GridWindConfig) -> Iterator[tuple[str, str]]:
-    from simvehicle.world.grid_wind import checked_step_s
+    from simvehicle.world.grid_wind import checked_step_s, nodes_per_s
 
     try:
         checked_step_s(wind)
     except ValueError as error:
         yield "wind.step_s", str(error)
+        return
+    if (work := nodes_per_s(wind)) > MOST_NODES_PER_S:
+        yield (
+            "wind.cells",
+            f"the wind's solver would update {work:.2g} nodes for each second of wind, {MOST_NODES_PER_S:.0e} are "
+            "the most; give fewer cells, or a longer step_s if there is one",
+        )
 
 
 def _puff_problems(plume: FilamentPlume | FlatFilamentPlume, amsl_m: float) -> Iterator[tuple[str, str]]:
@@ -129,10 +150,11 @@ def _puff_problems(plume: FilamentPlume | FlatFilamentPlume, amsl_m: float) -> I
             )
 
 
-def _source_problems(config: WorldConfig, field: str, source: _Place) -> Iterator[tuple[str, str]]:
-    point = shapely.Point(source)
-    for number, obstacle in enumerate(config.obstacles):
-        if shapely.Polygon(obstacle.outline()).contains(point):
+def _source_problems(
+    config: WorldConfig, obstacles: standing.Obstacles, field: str, source: Vector3
+) -> Iterator[tuple[str, str]]:
+    for number, obstacle in enumerate(obstacles.each()):
+        if obstacle.clearance_m(source) < 0.0:
             yield field, f"the source is inside obstacles[{number}]; move one of them"
     wind = config.wind
     if isinstance(wind, GridWindConfig):

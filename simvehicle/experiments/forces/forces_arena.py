@@ -1,9 +1,10 @@
 """The virtual-force paper's two arenas: their wind, plume, obstacles and starting places, made from a seed.
 
 A. Marjovi, L. Marques: "Swarm robotic plume tracking for intermittent and time-variant odor dispersion", ECMR 2013,
-section III. Its air came from a commercial solver; here puffs are carried by a wind that flows around the obstacles, 0.5 m/s
-to the east on average. What it leaves open is ours: sizes of puffs, unsteadiness, places of obstacles and robots, the
-sensor's noise, and in the small arena its clean-air reading, without which the strength of the source would not matter.
+section III. Its air came from a commercial solver; here puffs are carried by a wind that flows around the obstacles,
+0.5 m/s to the east on average. What it leaves open is ours: sizes of puffs, unsteadiness, places of obstacles and
+robots, the sensor's noise, and in the small arena its clean-air reading, without which the source's strength would
+not matter.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from simvehicle.trials.tracing.swarm_flight import Place, Vehicles, make_place
 from simvehicle.trials.tracing.terrain import clearances_of
 from simvehicle.trials.trials_error import TrialsError
 from simvehicle.world.obstacles import Obstacles
-from simvehicle.world.recorded_air import RecordedAir, record_air
+from simvehicle.world.recorded_air import record_air
 from simvehicle.world.world_config import (
     FlatFilamentPlume,
     FlatFilamentSource,
@@ -62,6 +63,8 @@ class Arena(msgspec.Struct, frozen=True, kw_only=True):
     forces: VirtualForcesParameters
     frame_s: float
     spacing_m: float
+    begin_s: float
+    """How long the source has been open when the trials begin."""
 
 
 def _plume(source_m: tuple[float, float], puffs_per_s: float, **puffs: float) -> FlatFilamentPlume:
@@ -89,7 +92,6 @@ ARENAS: dict[ArenaName, Arena] = {
             shaking=0.05,
             reach_m=8.0,
             lifetime_s=60.0,
-            head_start_s=30.0,
             step_s=0.1,
         ),
         vehicles=Vehicles(
@@ -120,7 +122,8 @@ ARENAS: dict[ArenaName, Arena] = {
             clean_air=0.03,
         ),
         frame_s=0.5,
-        spacing_m=0.05,
+        spacing_m=0.08,
+        begin_s=30.0,
     ),
     "large": Arena(
         north_m=30.0,
@@ -141,7 +144,6 @@ ARENAS: dict[ArenaName, Arena] = {
             shaking=0.1,
             reach_m=60.0,
             lifetime_s=300.0,
-            head_start_s=150.0,
             step_s=0.2,
         ),
         vehicles=Vehicles(
@@ -171,6 +173,7 @@ ARENAS: dict[ArenaName, Arena] = {
         ),
         frame_s=1.0,
         spacing_m=0.5,
+        begin_s=150.0,
     ),
 }
 
@@ -182,6 +185,7 @@ class ForcesWorld(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     number: int
     obstacles: int
     emissions_gps: tuple[float, ...]
+    """Of the paper's tracker; the other variants are flown at the middle one: the baseline smells nothing."""
     robots: tuple[int, ...]
     variants: tuple[str, ...]
     """Of `forces_flights.VARIANTS`."""
@@ -214,18 +218,10 @@ def make_place_of(world: ForcesWorld, seed: int) -> Place:
         vehicles.limit_steps * vehicles.step_s,
         arena.frame_s,
         arena.spacing_m,
+        length_m=(arena.north_m, arena.east_m),
+        begin_s=arena.begin_s,
     )
-    return make_place(_narrowed(air, arena), np.array([arena.source_m]), Obstacles(obstacles))
-
-
-def _narrowed(air: RecordedAir, arena: Arena) -> RecordedAir:
-    """The square's southern part, which is the arena."""
-    rows = round(arena.north_m / air.gas_spacing_m) + 1
-    return air._replace(
-        gas=np.ascontiguousarray(air.gas[:, :rows]),
-        solid=np.ascontiguousarray(air.solid[:rows]),
-        length_m=np.array([arena.north_m, arena.east_m]),
-    )
+    return make_place(air, np.array([arena.source_m]), Obstacles(obstacles))
 
 
 def start_places(world: ForcesWorld, place: Place, seed: int, trial: int, robots: int) -> FloatArray:
@@ -243,7 +239,9 @@ def start_places(world: ForcesWorld, place: Place, seed: int, trial: int, robots
         apart_m = np.linalg.norm(np.array(found) - at, axis=1).min()
         if apart_m > _APART * radius_m and clearances_of(place.terrain, at[None])[0] > radius_m:
             found.append(at)
-    raise TrialsError(f"world {world.number}: no room for {robots} robots at the {world.arena} arena's downwind end")
+    raise TrialsError(
+        f"world {world.number}: no room for {robots} robots at the {world.arena} arena's downwind end"
+    )
 
 
 def _thickest(place: Place, low: FloatArray, high: FloatArray, radius_m: float) -> FloatArray:
@@ -291,4 +289,6 @@ def _obstacles(world: ForcesWorld, rng: np.random.Generator) -> list[Rectangular
                     length_east_m=float(length_e),
                 )
             )
-    raise TrialsError(f"world {world.number}: no room for {world.obstacles} obstacles in the {world.arena} arena")
+    raise TrialsError(
+        f"world {world.number}: no room for {world.obstacles} obstacles in the {world.arena} arena"
+    )

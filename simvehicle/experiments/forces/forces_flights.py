@@ -22,6 +22,7 @@ from simvehicle.experiments.forces.forces_arena import (
     obstacle_share,
     start_places,
 )
+from simvehicle.trials.tracing.air_statistics import plume_statistics
 from simvehicle.trials.tracing.flying import (
     ARRIVAL,
     ARRIVED,
@@ -33,11 +34,11 @@ from simvehicle.trials.tracing.flying import (
     tracing_kernel,
 )
 from simvehicle.trials.tracing.swarm_flight import Place, fly_trials, make_place
-from simvehicle.trials.tracing.traced_world import plume_statistics
 from simvehicle.world.recorded_air import RecordedAir
 
+TRACKER = "virtual-forces"
 VARIANTS: dict[str, str] = {
-    "virtual-forces": "virtual-forces",
+    TRACKER: "virtual-forces",
     "no-cohesion": "virtual-forces",
     "upwind": "upwind",
 }
@@ -66,7 +67,10 @@ def fly_world(world: ForcesWorld, seed: int, first: int, count: int) -> pd.DataF
         )
         level = max(arena.forces.clean_air, arena.vehicles.detection)
         statistics = plume_statistics(stronger.air, level)
+        middle = emission_gps == sorted(world.emissions_gps)[len(world.emissions_gps) // 2]
         for variant in world.variants:
+            if variant != TRACKER and not middle:
+                continue
             for robots in world.robots:
                 rows = _fly(world, arena, stronger, variant, [s[:robots] for s in starts], seed, first)
                 frames.append(

@@ -42,9 +42,9 @@ from simvehicle.world.recorded_air import RecordedAir
 
 VEHICLES = 7
 # Columns of the counts: one row a trial.
-CONTACT, CONTAINED, INSIDE, WAYPOINTS, LATTICE_COUNTS = range(5)
-"""CONTACT: the first step in which anybody reads anything (NEVER). CONTAINED: steps with the source inside the ring.
-INSIDE: 1 where it is so at the end."""
+CONTACT, FIRST_INSIDE, CONTAINED, INSIDE, WAYPOINTS, LATTICE_COUNTS = range(6)
+"""CONTACT, FIRST_INSIDE: the first step in which anybody reads anything, the source is inside the ring (NEVER).
+CONTAINED: steps in which it is. INSIDE: 1 where it is so at the end."""
 # Columns of the distances.
 END_M, CLOSEST_M, LATTICE_DISTANCES = range(3)
 """Of the centre to the source: at the end, at the least."""
@@ -104,7 +104,7 @@ def _set_goals(seven: Seven, count: int) -> None:
         seven.goal_e[k] = seven.state[CENTRE_E] + seven.state[RADIUS_M] * math.sin(bearing_rad)
 
 
-@leaf
+@kernel
 def _sense_all(
     air: RecordedAir,
     rules: Rules,
@@ -128,7 +128,7 @@ def _sense_all(
     return some
 
 
-@leaf
+@kernel
 def _fly_step(terrain: Terrain, rules: Rules, robots: Robots, seven: Seven) -> tuple[float, float]:
     """Everybody goes a step to its place; the farthest way to go before it, the farthest that anybody moved."""
     count = seven.gas.shape[0]
@@ -211,7 +211,7 @@ def fly_lattices(
     for row in range(centres_m.shape[0]):
         tally, apart_m = counts[row], distances[row]
         _begin_trial(robots, seven, numbers, centres_m[row], noise, draws, seed, first + row)
-        tally[CONTACT], tally[CONTAINED], tally[WAYPOINTS] = NEVER, 0, 0
+        tally[CONTACT], tally[FIRST_INSIDE], tally[CONTAINED], tally[WAYPOINTS] = NEVER, NEVER, 0, 0
         apart_m[CLOSEST_M] = np.inf
         due, waited = True, 0.0
         for step in range(limit):
@@ -253,6 +253,8 @@ def fly_lattices(
                 1 if inside_ring(robots.north_m, robots.east_m, VEHICLES, source_m[0], source_m[1]) else 0
             )
             tally[CONTAINED] += tally[INSIDE]
+            if tally[CONTAINED] == 1 and tally[INSIDE] == 1:
+                tally[FIRST_INSIDE] = step
 
 
 class LatticesFlown(NamedTuple):

@@ -162,8 +162,8 @@ def test_obstacles_that_nobody_can_fly_among_are_refused(
         (f"{{{ROCK.format(-90)}}}",
          "obstacles[0]: obstacle 0 stands as high as the autopilot of every drone comes home"),
         (f"{{{ROCK.format(-90)}, top_above_home_m: 45}}",
-         "obstacles[0]: obstacle 0 stands as high as the autopilot of drones 1, 2 comes home by itself (the lowest at "
-         "40 m): it flies straight, and into what is between it and its home, while agents fly around; 48 m are"),
+         "obstacles[0]: obstacle 0 stands as high as the autopilot of drones 1, 2 comes home by itself (the lowest "
+         "at 40 m): it flies straight, and into what is between it and its home, while agents fly around; 48 m are"),
         (f"{{{ROCK.format(-90)}, top_above_home_m: 37}}", ""),
         (f"{{{ROCK.format(-90).replace('-60', '-900').replace('-80', '-990')}}}", ""),
     ],

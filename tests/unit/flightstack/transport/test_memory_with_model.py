@@ -36,7 +36,7 @@ def numbers_heard(
 
 
 def states_of(radio: MemoryRadio) -> list[object]:
-    return [link._random.getstate() for link in radio._links.values()]
+    return [link._random.getstate() for links in radio._links.values() for link in links.values()]
 
 
 def test_a_perfect_model_is_the_perfect_radio_and_draws_nothing():

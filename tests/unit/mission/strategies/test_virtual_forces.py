@@ -235,6 +235,8 @@ def test_what_is_turned_as_a_whole_turns_the_force(
 
 
 def test_margins_in_the_wrong_order_are_refused_in_one_line() -> None:
-    with pytest.raises(ValueError, match=r"virtual-forces: .*near_m \(13\) < far_m \(12\) < range_m \(22\)"):
+    with pytest.raises(
+        ValueError, match=r"^strategy virtual-forces: near_m \(13\) < far_m \(12\) < range_m \(22\)"
+    ):
         make("virtual-forces", layout=Hexagonal(10.0), near_m=13.0)
     assert isinstance(make("upwind", layout=Hexagonal(10.0), speed_mps=1), ReactiveStrategy)

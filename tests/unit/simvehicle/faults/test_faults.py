@@ -40,6 +40,9 @@ class Noted:
     def set_turned_over(self, turned_over: bool) -> None:
         self.done.append(("turned over", turned_over))
 
+    def set_range_finder(self, *, silent: bool, lies_m: float) -> None:
+        self.done.append(("range finder", (silent, lies_m)))
+
     def set_silent(self, silent: bool) -> None:
         self.done.append(("silent", silent))
 
@@ -55,6 +58,8 @@ class Noted:
         ("lying", ("co2 lies", 500.0), [("co2 lies", 0.0)]),
         ("gps_jump", ("gps error", 10.0), [("gps error", 0.0)]),
         ("failsafe", ("remote_control", False), [("remote_control", True)]),
+        ("range_silent", ("range finder", (True, 0.0)), [("range finder", (False, 0.0))]),
+        ("range_lying", ("range finder", (False, 10.0)), [("range finder", (False, 0.0))]),
         ("gps_loss", ("gps", False), [("gps", True)]),
         ("motor", ("motors", False), [("motors", True)]),
         ("tumble", ("turned over", True), []),

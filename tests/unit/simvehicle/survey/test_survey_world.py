@@ -18,9 +18,11 @@ from simvehicle.world.grid_wind import GridWind
 from simvehicle.world.obstacles import Obstacles
 from simvehicle.world.wind import GustyWind
 from simvehicle.world.world_config import (
+    BoundaryLayerWindConfig,
     GridWindConfig,
     PolygonalObstacle,
     RectangularObstacle,
+    ThermalsConfig,
     WindConfig,
 )
 
@@ -55,6 +57,7 @@ def survey(written: str) -> Survey:
         ("{speed_mps: 2}", WindConfig(speed_mps=2.0)),
         ("{type: uniform, gust_sd_mps: 1}", WindConfig(gust_sd_mps=1.0)),
         ("{type: grid, regime: turbulent}", GridWindConfig(regime="turbulent")),
+        ("{type: boundary-layer, thermals: {}}", BoundaryLayerWindConfig(thermals=ThermalsConfig())),
     ],
 )
 def test_a_wind_without_a_type_is_uniform(written: str, read: object) -> None:
@@ -83,10 +86,20 @@ def test_a_file_makes_its_world_and_so_does_what_the_fleet_is_given() -> None:
 @pytest.mark.parametrize(
     ("changes", "field", "problem"),
     [
-        ({"wind": "{type: girt}"}, "wind.type", "Invalid value 'girt'; write uniform or grid"),
+        (
+            {"wind": "{type: girt}"},
+            "wind.type",
+            "Invalid value 'girt'; write uniform or grid or boundary-layer",
+        ),
+        ({"wind": "{type: boundary-layer, thermals: {life_s: 1}}"}, "wind.thermals.life_s", ">= 60"),
         ({"wind": "{cells: 9}"}, "wind.cells", "unknown key"),
         ({"wind": "{type: grid, regime: calm}"}, "wind.regime", "write laminar or transitional or turbulent"),
-        ({"wind": "{type: grid, step_s: 1}"}, "wind.step_s", "would diverge .* steps up to 0.115 s hold"),
+        ({"wind": "{type: grid, step_s: 1}"}, "wind.step_s", "would diverge .* steps up to 0.163 s hold"),
+        (
+            {"wind": "{type: grid, cells: 1000}"},
+            "wind.cells",
+            "the wind's solver would update .* fewer cells",
+        ),
         ({"wind": "{type: grid, length_m: 100}"}, "plume", "30 m outside the wind's square"),
         (
             {"obstacles": BLOCK.replace("rectangle", "circle")},
@@ -107,7 +120,12 @@ def test_a_file_makes_its_world_and_so_does_what_the_fleet_is_given() -> None:
         (
             {"obstacles": f"{{type: polygon, corners_north_east_m: {RING}}}"},
             "plume",
-            "the source is shut in: no way of 2 m",
+            "no way of 2 m .* from the launch points to the source",
+        ),
+        (
+            {"obstacles": f"{{type: polygon, corners_north_east_m: {RING.replace('28.5', '28.95')}}}"},
+            "plume",
+            "the source is shut in: no way between the obstacles leads out",
         ),
         (
             {"obstacles": f"{{type: polygon, top_above_home_m: 70, corners_north_east_m: {RING}}}"},
@@ -139,6 +157,15 @@ def test_a_wall_across_the_fence_shuts_the_launch_points_off() -> None:
         survey(text(obstacles=wall, more=fence))
 
 
+def test_a_source_outside_the_fence_is_warned_of_and_one_on_top_of_a_rock_is_none_inside_it() -> None:
+    fence = "geofence: {inclusion_circles: [{latitude_deg: -5.06, longitude_deg: 151.3, radius_m: 60}]}"
+    assert "its source lies outside the geofence" in survey(text(more=fence)).warnings[0]
+    rock = BLOCK.replace("}", ", top_above_home_m: 9}")
+    survey(text(obstacles=rock, source="41, source_east_m: 2"))  # 10 m above home
+    with pytest.raises(DocumentError, match="inside"):
+        survey(text(obstacles=rock, source="41, source_above_home_m: 8, source_east_m: 2"))
+
+
 def test_a_fleet_with_such_a_world_is_refused_too() -> None:
     flown = survey(text())
     fleet = draft(flown, in_process(flown)).fleet
@@ -162,7 +189,10 @@ def test_obstacles_around_the_whole_grid_leave_no_air_in() -> None:
         survey(text(wind="{type: grid}", obstacles=sides))
 
 
-@pytest.mark.parametrize("section", [GridWindConfig, RectangularObstacle, PolygonalObstacle])
+@pytest.mark.parametrize(
+    "section",
+    [GridWindConfig, BoundaryLayerWindConfig, ThermalsConfig, RectangularObstacle, PolygonalObstacle],
+)
 def test_every_key_of_the_world_is_explained(section: type[msgspec.Struct]) -> None:
     page = PAGE.read_text(encoding="utf-8")
-    assert [name for name in section.__struct_fields__ if f"`{name}`" not in page] == []
+    assert [name for name in section.__struct_fields__ if f"`{name}" not in page] == []

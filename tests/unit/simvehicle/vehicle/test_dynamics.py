@@ -22,6 +22,9 @@ from simvehicle.vehicle.dynamics import (
     quaternion_of,
 )
 from simvehicle.vehicle.estimator import Estimator
+from simvehicle.vehicle.vehicle import make_vehicle
+from simvehicle.world.configured import make_world
+from simvehicle.world.world_config import BoundaryLayerWindConfig, ThermalsConfig, WorldConfig
 
 LIMITS = Limits(
     speed_mps=8.0,
@@ -81,6 +84,41 @@ def test_without_control_the_wind_takes_it_along() -> None:
     body = hovering()
     fly(body, Motion(level=True, down_m=-20.0), 30.0, wind=(0.0, 4.0, 0.0))
     assert body.velocity[1] == pytest.approx(4.0, abs=0.1)
+
+
+def test_rising_air_carries_a_part_of_the_weight_and_sinking_air_adds_to_it() -> None:
+    throttles = []
+    for down_mps in (-3.0, 0.0, 3.0):
+        body = hovering()
+        fly(body, Motion(horizontal_m=(0.0, 0.0), down_m=-20.0), 20.0, wind=(0.0, 0.0, down_mps))
+        assert body.position[2] == pytest.approx(-20.0, abs=0.2)
+        throttles.append(body.throttle_fraction)
+    share = 3.0 * DRAG_PER_S / GRAVITY_MPS2
+    assert [throttle / throttles[1] for throttle in throttles] == pytest.approx(
+        [1.0 - share, 1.0, 1.0 + share], rel=0.01
+    )
+
+
+def test_a_vehicle_feels_the_thermal_that_it_hovers_in() -> None:
+    wind = BoundaryLayerWindConfig(speed_mps=0.0, thermals=ThermalsConfig(convective_mps=4.0, life_s=36000.0))
+    world = make_world(WorldConfig(origin=Geodetic(-5.06, 151.3, 500.0), wind=wind, seed=2))
+    places = [(10.0 * row, 10.0 * column, -40.0) for row in range(70) for column in range(70)]
+    up_mps = -world.wind.winds_ned_mps(np.array(places), 0.0)[:, 2]
+    used = []
+    for index in (int(up_mps.argmin()), int(up_mps.argmax())):
+        home = places[index]
+        vehicle = make_vehicle(world, home, Battery(5000.0), system=1, seed=1)
+        vehicle.body.on_ground = False
+        vehicle.body.thrust = [0.0, 0.0, -GRAVITY_MPS2]
+        hold = Motion(horizontal_m=(0.0, 0.0), down_m=0.0)  # of its home
+        for tick in range(1000):
+            vehicle.look_at_wind(tick * DT_S)
+            vehicle.sense(tick * DT_S, DT_S)
+            vehicle.move(DT_S, hold, LIMITS)
+            vehicle.battery.step(DT_S, True, vehicle.body.thrust)
+        used.append(1.0 - vehicle.battery.fraction)
+    assert up_mps.max() > 1.5
+    assert used[1] < 0.95 * used[0]
 
 
 @settings(max_examples=25, deadline=None)
