@@ -113,6 +113,8 @@ class Membership:
         """By drone: the life in which it is suspected, and since when that is known here."""
         self._missed_since_s: dict[int, float] = {}
         """By watched drone: since when it can have been missed, by its newest life or the beginning of the watch."""
+        self._watched: Collection[int] = ()
+        """Those that were given last."""
         self._joined: set[int] = set()
         """Members that were heard to take part in this survey."""
         self._incarnations: dict[int, int] = {}
@@ -213,7 +215,7 @@ class Membership:
             self._wake(now_s)
             heard = 1
         self._note_support(now_s, heard)
-        self._watch(now_s, peers, {*watched} - {self._drone})
+        self._watch(now_s, peers, watched)
         return self._count_out(now_s, peers)
 
     @property
@@ -259,19 +261,21 @@ class Membership:
             self._write(drone, msgspec.structs.replace(register, left=register.life))
 
     def _watch(self, now_s: float, peers: Mapping[int, PeerFacts], watched: Collection[int]) -> None:
-        self._missed_since_s = {drone: self._missed_since_s.get(drone, now_s) for drone in watched}
-        patience = self._reception.patience
-        for drone in watched:
+        if watched is not self._watched:
+            self._watched = watched
+            self._missed_since_s = {
+                drone: self._missed_since_s.get(drone, now_s) for drone in {*watched} - {self._drone}
+            }
+        patience_s = self._suspect_after_s * self._reception.patience
+        for drone, before_s in self._missed_since_s.items():
             heard_s = peers[drone].heard_s if drone in peers else self._began_s
-            self._missed_since_s[drone] = max(self._missed_since_s[drone], heard_s)
-            may_be_late = drone not in self._joined and now_s - self._began_s < JOIN_S
+            missed_s = self._missed_since_s[drone] = max(before_s, heard_s)
             register = self._registers.get(drone, UNDOUBTED)
-            if self._accused.get(drone, register.life) < register.life:
+            if self._accused and self._accused.get(drone, register.life) < register.life:
                 self._accused.pop(drone)
                 self._vain[drone] = min(self._vain.get(drone, 0) + 1, MOST_IN_VAIN)
-            patience_s = self._suspect_after_s * patience * 2 ** self._vain.get(drone, 0)
-            silence_s = now_s - self._missed_since_s[drone]
-            if silence_s <= patience_s or may_be_late:
+            may_be_late = drone not in self._joined and now_s - self._began_s < JOIN_S
+            if now_s - missed_s <= patience_s * 2 ** self._vain.get(drone, 0) or may_be_late:
                 continue
             if self.standing(drone) is Standing.ALIVE:
                 self._write(drone, msgspec.structs.replace(register, suspected=register.life))

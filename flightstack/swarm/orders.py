@@ -13,10 +13,12 @@ One that comes late to a swarm with great numbers catches up by as many messages
 from __future__ import annotations
 
 import math
+import zlib
 from collections.abc import Mapping
 
 import msgspec
 
+from flightstack.swarm.wire import NO_ORDER
 from mission.geometry.formation import Layout, rotated
 from mission.geometry.frames import Vector3
 from mission.strategies.contract import Order
@@ -30,6 +32,19 @@ class Orders:
         self.order: Order | None = None
         self.ordered_by: SlotRegister | None = None
         self._greatest_sequence = 0
+        self._digested: tuple[str, Order, SlotRegister] | None = None
+        self._digest = NO_ORDER
+
+    def digest(self, survey: str) -> int:
+        """32 bits that differ where two drones would tell another order, or that of another survey; `NO_ORDER` where
+        none is known."""
+        order, ordered_by, known = self.order, self.ordered_by, self._digested
+        if order is None or ordered_by is None:
+            return NO_ORDER
+        if known is None or known[0] != survey or known[1] is not order or known[2] is not ordered_by:
+            self._digested = survey, order, ordered_by
+            self._digest = zlib.crc32(msgspec.msgpack.encode(self._digested)) or 1
+        return self._digest
 
     @property
     def next_sequence(self) -> int:

@@ -28,7 +28,7 @@ from flightstack.swarm.peers import PeerFacts
 from flightstack.swarm.reading_relay import ReadingRelay
 from flightstack.swarm.survey_choice import SurveyChoice
 from flightstack.swarm.table_calm import TableCalm
-from flightstack.swarm.wire import NO_ORDER, OrderState, ReadingsState, TableState
+from flightstack.swarm.wire import OrderState, ReadingsState, TableState
 from mission.estimation.estimates import Reading
 from mission.geometry.formation import Layout
 from mission.geometry.frames import Vector3
@@ -112,8 +112,8 @@ class SwarmTable:
         self._watched: frozenset[int] = frozenset()
         self._digested: tuple[Registers, int] | None = None
         self._digest = 0
-        self._digested_order: tuple[Order | None, SlotRegister | None] | None = None
-        self._order_digest = NO_ORDER
+        self._placed: tuple[Registers, Mapping[int, int], bool, TreePlace] | None = None
+        """The newest place, behind what it was made of."""
         self._look(now_s)
         self._calm = TableCalm()
         self._settled_slots = self._slots_before = self.slots
@@ -160,14 +160,7 @@ class SwarmTable:
     @property
     def order_digest(self) -> int:
         """The same of the order; `NO_ORDER` where none is known."""
-        orders = self._orders
-        order, ordered_by = orders.order, orders.ordered_by
-        known = self._digested_order
-        if known is None or known[0] is not order or known[1] is not ordered_by:
-            self._digested_order = order, ordered_by
-            told = msgspec.msgpack.encode((self.survey, order, ordered_by))
-            self._order_digest = NO_ORDER if order is None else zlib.crc32(told) or 1
-        return self._order_digest
+        return self._orders.digest(self.survey or "")
 
     @property
     def member(self) -> bool:
@@ -246,6 +239,15 @@ class SwarmTable:
     def place(self, now_s: float) -> TreePlace:
         """This drone's place; `slot` is -1 without one. `healing` while the table changes or somebody is on the way
         to its new slot."""
+        registers, slots, healing = self.registers, self.slots, self._calm.holds(now_s)
+        placed = self._placed
+        if placed is not None and placed[0] is registers and placed[1] is slots and placed[2] == healing:
+            return placed[3]
+        known = self._new_place(healing=healing)
+        self._placed = registers, slots, healing, known
+        return known
+
+    def _new_place(self, *, healing: bool) -> TreePlace:
         if not self.member:
             return TreePlace(self.epoch, -1, dict(self.slots), None, (), None, None, -1, False)
         family = self._relations()
@@ -258,7 +260,7 @@ class SwarmTable:
             family.heir,
             family.parent_heir,
             family.root,
-            self._calm.holds(now_s),
+            healing,
         )
 
     def message(self) -> TableState:
