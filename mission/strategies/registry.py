@@ -16,9 +16,11 @@ from mission.geometry.formation import Layout
 from mission.strategies import mobs, mobs_authors, virtual_forces
 from mission.strategies.contract import Strategy
 from mission.strategies.entry import StrategyEntry
+from mission.strategies.infotaxis import infotaxis
 from mission.strategies.lattice import lattice
 from mission.strategies.locus import hybrid, multi
 from mission.strategies.locus import strategy as locus
+from mission.strategies.surging import spiral_surge, surge_cast
 from mission.strategies.tracing import anemotaxis, casting, chemotaxis, fluxotaxis
 
 GROUP = "flightstack.strategies"
@@ -36,6 +38,10 @@ BUILT_IN: dict[str, StrategyEntry] = {
         fluxotaxis.ENTRY,
         virtual_forces.ENTRY,
         virtual_forces.UPWIND_ENTRY,
+        surge_cast.ENTRY,
+        spiral_surge.ENTRY,
+        infotaxis.ENTRY,
+        infotaxis.COOPERATIVE,
         *lattice.ENTRIES,
     )
 }

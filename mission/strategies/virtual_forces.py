@@ -38,8 +38,8 @@ RANGE_M = 60.0
 
 # Places in a robot's word: what it smells on average, and the largest such average that it knows of.
 MEAN, LARGEST, WORD_SIZE = range(3)
-_MOST = 1e12
-"""No concentration, in any unit in use, is larger: a neighbour that says so is not believed."""
+_MOST = 1e6
+"""Pure gas in ppm, and no concentration in another unit in use is larger: who tells of one is not believed."""
 
 
 class UpwindParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -40,7 +40,9 @@ class FilmName(StrEnum):
 def trial(
     strategy: Annotated[str, typer.Option(help=STRATEGY_HELP)] = "locus",
     drones: Annotated[int, typer.Option(help="Swarm size.")] = 16,
-    plume: Annotated[str, typer.Option(help="smooth, perturbed, gaussian or gusty.")] = "perturbed",
+    plume: Annotated[
+        str, typer.Option(help="smooth, perturbed, gaussian or gusty; or filaments, for rules.")
+    ] = "perturbed",
     plume_at: Annotated[
         str, typer.Option(help="Origin of the plume: NORTH,EAST in m; default: by the seed.")
     ] = "",
@@ -62,6 +64,11 @@ def trial(
     r_min: RMin = 3.0,
     r_max: RMax = 3.0,
     layout: Layout = "rings",
+    regime: Annotated[
+        str, typer.Option(help="Of the filaments' wind: laminar, transitional or turbulent.")
+    ] = "transitional",
+    obstacles: Annotated[int, typer.Option(min=0, max=200, help="In the filaments' world, 3 m wide.")] = 0,
+    steps: Annotated[int, typer.Option(min=1, max=100_000, help="In the filaments' world, at most.")] = 7000,
     seed: Seed = 1,
     index: Annotated[int, typer.Option("--trial", min=0, max=MOST, help="Which of the seed's trials.")] = 0,
     plot: Annotated[
@@ -79,6 +86,23 @@ def trial(
         from simvehicle.trials.cell import Cell
         from simvehicle.trials.trials_error import TrialsError
 
+        if plume == "filaments":
+            from simvehicle.cli import traced_trial
+
+            traced_trial.fly(
+                strategy,
+                drones,
+                regime,
+                obstacles,
+                steps,
+                seed,
+                index,
+                out,
+                plot=plot,
+                film=film.value if animate else None,
+                as_json=as_json,
+            )
+            return
         place = numbers(plume_at, float, "--plume-at")
         if len(place) not in (0, 2):
             raise TrialsError(f"--plume-at {plume_at!r}: give NORTH,EAST in metres")

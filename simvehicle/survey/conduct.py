@@ -141,9 +141,15 @@ def words(flown: summary.Summary) -> str:
     separation = (
         "" if flown.min_separation_m is None else f", smallest separation {flown.min_separation_m:.1f} m"
     )
+    clearance = (
+        ""
+        if flown.min_clearance_m is None
+        else f", {flown.min_clearance_m:.1f} m from an obstacle at the nearest"
+        + (f" ({flown.obstacles_touched} touched)" if flown.obstacles_touched else "")
+    )
     lines.append(
         f"{flown.alive} of {flown.drones} drones alive, {flown.heals} heals, {flown.fence_breaches} fence breaches"
-        f"{separation}, {flown.missed_deadline_fraction:.2%} of deadlines missed"
+        f"{separation}{clearance}, {flown.missed_deadline_fraction:.2%} of deadlines missed"
     )
     lines += [
         f"drone {f.drone}: agent frozen at {f.at_s:.0f} s"

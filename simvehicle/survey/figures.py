@@ -26,6 +26,7 @@ from simvehicle.survey.agent_faults import Freeze
 from simvehicle.survey.watch import Log, TreeMark
 from simvehicle.world.air import World
 from simvehicle.world.fields import GasField
+from simvehicle.world.world_config import Obstacle
 
 WIDTH_IN = 5.0
 """At this width 9-point text is still about 8 points high on a phone held upright."""
@@ -62,6 +63,9 @@ _PHASE_FILLS: dict[Phase, str] = {
 MARGIN = 0.09
 """Room around what a map shows, in parts of its width."""
 
+_MOMENTS = 40
+"""Of the flight, over which the plume on a map is the mean."""
+
 
 def colour(index: int) -> str:
     return _COLOURS[index % len(_COLOURS)]
@@ -86,6 +90,7 @@ def survey_map(
     above_home_m: float,
     fence: BaseGeometry | None,
     log: Log,
+    obstacles: Sequence[Obstacle] = (),
     *,
     whole_fence: bool,
 ) -> Figure:
@@ -101,7 +106,8 @@ def survey_map(
     axes.set_aspect("equal")
     axes.set_xlabel("east of the origin, m")
     axes.set_ylabel("north of the origin, m")
-    _gas(axes, world.gas, above_home_m)
+    _gas(axes, world.gas, above_home_m, _flown_s(tracks))
+    _obstacles(axes, obstacles)
     if fence is not None:
         _fence(axes, fence)
     for index, (drone, track) in enumerate(tracks.items()):
@@ -157,11 +163,36 @@ def extent(
     return middle_e - half_m, middle_e + half_m, middle_n - half_m, middle_n + half_m
 
 
-def _gas(axes: Axes, gas: GasField, above_home_m: float) -> None:
-    """Filled contours of the excess at survey altitude, with their values written on them."""
+def _flown_s(tracks: Mapping[int, VehicleTrack]) -> float:
+    """The world's time at the end: its record begins with it."""
+    return max((float(track.time_s[-1] - track.time_s[0]) for track in tracks.values()), default=0.0)
+
+
+def _obstacles(axes: Axes, obstacles: Sequence[Obstacle]) -> None:
+    """Hatched; those that the drones were not told of have a dashed line."""
+    for one in obstacles:
+        vertices = [(east, north) for north, east in (*one.outline(), one.outline()[0])]
+        axes.add_patch(
+            PathPatch(
+                Path(vertices, closed=True), facecolor="#d9d9d9", edgecolor="#444444", hatch="////", linewidth=1.0,
+                linestyle="--" if one.unknown else "-", zorder=2,
+            )
+        )  # fmt: skip
+    for unknown in sorted({one.unknown for one in obstacles}):
+        axes.plot(
+            [], [], color="#444444", linewidth=1.0, linestyle="--" if unknown else "-",
+            label="obstacle, unknown" if unknown else "obstacle",
+        )  # fmt: skip
+
+
+def _gas(axes: Axes, gas: GasField, above_home_m: float, end_s: float) -> None:
+    """Filled contours of the excess at survey altitude, with their values written on them: its mean over the flight,
+    since some plumes meander."""
     east_m, north_m = np.meshgrid(np.linspace(*axes.get_xlim(), 240), np.linspace(*axes.get_ylim(), 240))
     places_ned_m = np.stack([north_m, east_m, np.full_like(north_m, -above_home_m)], axis=-1)
-    excess_ppm = gas.excesses_co2_ppm(places_ned_m.reshape(-1, 3), 0.0).reshape(north_m.shape)
+    moments_s = np.linspace(0.0, end_s, _MOMENTS)
+    moments_ppm = [gas.excesses_co2_ppm(places_ned_m.reshape(-1, 3), time_s) for time_s in moments_s.tolist()]
+    excess_ppm = np.mean(moments_ppm, axis=0).reshape(north_m.shape)
     levels = [level for level in _CONTOURS_PPM if level < excess_ppm.max()]
     if not levels:
         return

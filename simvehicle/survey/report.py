@@ -147,6 +147,17 @@ def _numbers(summary: Summary) -> list[Number]:
             near_m is not None and near_m < summary.configured_separation_m,
         ),
         Number(str(summary.fence_breaches), "fence breaches", summary.fence_breaches > 0),
+        *(
+            [
+                Number(
+                    number(summary.min_clearance_m, "m"),
+                    "from an obstacle at the nearest",
+                    summary.obstacles_touched > 0,
+                )
+            ]
+            if summary.min_clearance_m is not None
+            else []
+        ),
         Number(str(summary.heals), "heals of the tree"),
         Number(
             f"{summary.missed_deadline_fraction:.2%}",
@@ -168,14 +179,16 @@ def _drawings(
 
     def drawn_map(*, whole_fence: bool) -> str:
         return figures.drawing(
-            lambda: figures.survey_map(tracks, homes, world, height_m, fence, log, whole_fence=whole_fence)
+            lambda: figures.survey_map(
+                tracks, homes, world, height_m, fence, log, config.obstacles, whole_fence=whole_fence
+            )
         )
 
     yield _drawing(
         drawn_map(whole_fence=False),
         "Map of the survey",
-        f"The plume {height_m:g} m above home (CO2 over the background), the drones' true tracks, "
-        "their homes (squares), and what the swarm made of it.",
+        f"The plume {height_m:g} m above home (CO2 over the background, its mean over the flight), the drones' true "
+        f"tracks, their homes (squares), {'obstacles, ' if config.obstacles else ''}and what the swarm made of it.",
     )
     if fence is not None:
         yield _drawing(drawn_map(whole_fence=True), "The survey in its geofence", "The same, further away.")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import pathlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TypeVar
 
 import msgspec
@@ -21,6 +21,8 @@ from simvehicle.fleet.truth import LONGEST_STEP_S, STEP_S, VehicleTrack
 from simvehicle.survey.agent_faults import Freeze
 from simvehicle.survey.healing import Healing, Rejoin, failures, healings, rejoins
 from simvehicle.survey.watch import Log
+from simvehicle.world.obstacles import TOUCHES_M, Obstacles
+from simvehicle.world.world_config import Obstacle
 
 T = TypeVar("T", Healing, Rejoin)
 
@@ -95,6 +97,10 @@ class Summary(msgspec.Struct, frozen=True):
     min_separation_at_s: float | None
     configured_separation_m: float
     fence_breaches: int
+    min_clearance_m: float | None
+    """The nearest that a flying vehicle's middle came to an obstacle, known or not; None without any."""
+    obstacles_touched: int
+    """How often a flying vehicle touched one."""
     heals: int
     healings: tuple[Healing, ...]
     """How long the swarm took to heal around each failure, in the order of the failures."""
@@ -161,6 +167,7 @@ def summarise(
     estimate = found.order.source_ned_m if found else None
     truth = source_ned_m if math.isfinite(source_ned_m[0]) else None
     closest = closest_approach(tracks)
+    clearance = obstacle_clearance(tracks, fleet.obstacles)
     homes = {v.id: (v.home_north_m, v.home_east_m) for v in fleet.vehicles}
     drones = tuple(_drone(d, tracks.get(d), homes[d], d in ending.alive) for d in sorted(homes))
     simulated_s = max((float(t.time_s[-1]) for t in tracks.values() if t.airborne.any()), default=0.0)
@@ -183,6 +190,8 @@ def summarise(
         min_separation_at_s=_rounded(closest.time_s if closest else None, 1),
         configured_separation_m=separation_m,
         fence_breaches=fence_breaches(tracks, LocalFrame(fleet.origin), geofence),
+        min_clearance_m=_rounded(clearance.nearest_m, 2),
+        obstacles_touched=clearance.touches,
         heals=log.heals,
         healings=_rounded_times(healings(log, failures(log, ending.kills.items(), ending.freezes), layout)),
         rejoined=_rounded_times(rejoins(log, ending.freezes)),
@@ -265,6 +274,25 @@ def _pair_approach(a: VehicleTrack, b: VehicleTrack) -> tuple[float, float] | No
     distance_m = np.where(flying, np.linalg.norm(apart + share[:, None] * step, axis=1), np.inf)
     nearest = int(np.argmin(distance_m))
     return float(distance_m[nearest]), float(time_s[nearest])
+
+
+class Clearance(msgspec.Struct, frozen=True):
+    nearest_m: float
+    touches: int
+
+
+def obstacle_clearance(tracks: Mapping[int, VehicleTrack], obstacles: Sequence[Obstacle]) -> Clearance:
+    """How near flying vehicles came to obstacles; one that touches must come clear before it can touch again."""
+    if not obstacles:
+        return Clearance(math.inf, 0)
+    standing = Obstacles(obstacles)
+    nearest_m, touches = math.inf, 0
+    for track in tracks.values():
+        clearances_m = standing.clearances_m(track.position_ned_m[track.airborne])
+        near = clearances_m < TOUCHES_M
+        nearest_m = min(nearest_m, float(np.min(clearances_m, initial=math.inf)))
+        touches += int(near[:1].sum()) + int((near[1:] & ~near[:-1]).sum())
+    return Clearance(nearest_m, touches)
 
 
 def fence_breaches(tracks: Mapping[int, VehicleTrack], frame: LocalFrame, geofence: Geofence | None) -> int:

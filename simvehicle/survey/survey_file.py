@@ -44,11 +44,13 @@ from simvehicle.vehicle.range_finder import RangeFinderConfig
 from simvehicle.world.configured import make_world
 from simvehicle.world.obstacles import Obstacles
 from simvehicle.world.world_config import GaussianPlume, Obstacle, WorldConfig
-from simvehicle.world.world_problems import WAY_M, shut_in, sources
 from simvehicle.world.world_problems import problems as world_problems
+from simvehicle.world.world_problems import shut_in, sources
 
 GROUND_STATION = "ground"
 """The ground station's name among the nodes of the swarm."""
+WAY_M = 2.0
+"""Width of a way between obstacles that counts as free for a drone."""
 Flavour = Literal["ardupilot", "px4"]
 
 
@@ -404,6 +406,7 @@ class _Checks:
         shut = shut_in(
             [*homes, *(place for _, place in aims)],
             config.obstacles,
+            way_m=WAY_M,
             ceiling_m=config.limits.ceiling_above_home_m,
             bounds=None if local is None else local.area,
         )

@@ -355,6 +355,8 @@ def concentration_at(
             for k in range(block * BLOCK, min((block + 1) * BLOCK, counts[source])):
                 inverse, weight = ready[INVERSE_R2, source, k], ready[WEIGHT, source, k]
                 dn, de = n - ready[NORTH, source, k], e - ready[EAST, source, k]
+                if dn * dn * inverse >= _CUT or de * de * inverse >= _CUT:
+                    continue
                 if upright:
                     weight *= _high(u, ready[UP, source, k], inverse)
                 total += weight * exp_minus(dn * dn * inverse) * exp_minus(de * de * inverse)

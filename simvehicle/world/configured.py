@@ -21,6 +21,8 @@ def make_world(config: WorldConfig) -> World:
     wind = make_wind(config.wind, config.seed, obstacles)
     # Puffs look half their step ahead: the wind still knows what it was now.
     gas = make_gas(config.plume, wind, config.origin.amsl_m, config.seed, obstacles)
+    # What is to be compiled for a question is compiled now, and not in flight.
+    gas.excess_co2_ppm((0.0, 0.0, 0.0), 0.0)
     standing = obstacles if obstacles.count else OPEN_GROUND
     return World(LocalFrame(config.origin), wind, gas, config.background_co2_ppm, standing)
 

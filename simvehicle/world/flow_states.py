@@ -9,6 +9,7 @@ from typing import Final
 from mission.geometry.formation import FloatArray
 
 _KEPT_BYTES: Final = 64 << 20
+"""Of the newest states, and as much again of marks."""
 _FEWEST, _MOST = 4, 256
 """Of the newest states that are all kept."""
 _MARKS: Final = 32
@@ -52,10 +53,11 @@ class FlowStates:
     def _append(self, state: FloatArray) -> None:
         self._newest += 1
         self._recent.append(state)
-        if len(self._recent) > min(max(_KEPT_BYTES // state.nbytes, _FEWEST), _MOST):
+        room = max(_KEPT_BYTES // state.nbytes, _FEWEST)
+        if len(self._recent) > min(room, _MOST):
             self._recent.popleft()
         if self._newest % self._between == 0 and self._newest >= 0:
             self._marks[self._newest] = state
-            if len(self._marks) > _MARKS:
+            if len(self._marks) > min(room, _MARKS):
                 self._between *= 2
                 self._marks = {at: kept for at, kept in self._marks.items() if at % self._between == 0}

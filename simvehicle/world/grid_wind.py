@@ -1,4 +1,4 @@
-"""A wind that varies over the area: advection and diffusion from noisy corners, around obstacles.
+"""A wind that varies over the area: advection and diffusion from noisy corners, among obstacles.
 
 J. A. Farrell, J. Murlis, X. Long, W. Li, R. T. Carde: "Filament-based atmospheric dispersion model to achieve short
 time-scale structure of odor plumes", Environmental Fluid Mechanics 2, 143-169 (2002). Each of the four corners of a
@@ -140,7 +140,7 @@ class GridWind:
             doubtful,
         )
         if self._has_obstacles:
-            doubtful[doubtful] = self.obstacles.clearances_m(positions[doubtful]) <= 0.0
+            doubtful[doubtful] = self.obstacles.stand_at_all(positions[doubtful])
             winds[doubtful] = 0.0
         return winds
 
@@ -216,7 +216,7 @@ class GridWind:
     def _inside(self, plane: int, row: float, column: float, position_ned_m: Vector3) -> bool:
         cells = self.nodes - 1
         if not (0.0 <= row < cells and 0.0 <= column < cells):
-            return self.obstacles.clearance_m(position_ned_m) <= 0.0
+            return self.obstacles.stand_at(position_ned_m)
         i, j = int(row), int(column)
         cell = i * cells + j
         if not self._touched_bytes[plane][cell]:
@@ -226,7 +226,7 @@ class GridWind:
         if standing is None:
             middle_m = (self.south_m + (i + 0.5) * self.spacing_m, self.west_m + (j + 0.5) * self.spacing_m)
             standing = self._touching[cell] = self.obstacles.near(middle_m, self.spacing_m)
-        return standing.clearance_m(position_ned_m) <= 0.0
+        return standing.stand_at(position_ned_m)
 
 
 def checked_step_s(config: GridWindConfig) -> float:

@@ -13,7 +13,7 @@ import math
 from mission.geometry.formation import FloatArray, IntArray
 
 _FARTHEST_M = 1e9
-_ROUNDING = 1e-9
+ROUNDING = 1e-9
 """Of a wall's length: no beam slips through a corner between two walls."""
 
 
@@ -58,6 +58,28 @@ def clearance_m(
     return nearest_m
 
 
+def stands_at(
+    corners_m: FloatArray, first: IntArray, tops_m: FloatArray, north_m: float, east_m: float, up_m: float
+) -> bool:
+    """Whether a point is inside of an obstacle: the sign of the clearance, at a third of its cost."""
+    for obstacle in range(len(tops_m)):
+        if up_m > tops_m[obstacle]:
+            continue
+        inside = False
+        n0, e0 = (
+            corners_m[first[obstacle + 1] - 1, 0] - north_m,
+            corners_m[first[obstacle + 1] - 1, 1] - east_m,
+        )
+        for corner in range(first[obstacle], first[obstacle + 1]):
+            n1, e1 = corners_m[corner, 0] - north_m, corners_m[corner, 1] - east_m
+            if (n0 > 0.0) != (n1 > 0.0) and e0 - n0 * (e1 - e0) / (n1 - n0) > 0.0:
+                inside = not inside
+            n0, e0 = n1, e1
+        if inside:
+            return True
+    return False
+
+
 def range_m(
     corners_m: FloatArray,
     first: IntArray,
@@ -88,6 +110,6 @@ def range_m(
                 continue  # a wall along the beam: its ends are met as the ends of its neighbours
             away_m = (n0 * along_e - e0 * along_n) / across
             share = (n0 * toward_e - e0 * toward_n) / across
-            if away_m >= 0.0 and -_ROUNDING <= share <= 1.0 + _ROUNDING:
+            if away_m >= 0.0 and -ROUNDING <= share <= 1.0 + ROUNDING:
                 nearest_m = min(nearest_m, away_m)
     return nearest_m

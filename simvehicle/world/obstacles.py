@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 from shapely.validation import explain_validity
 
 from mission.geometry.formation import FloatArray
@@ -37,7 +38,6 @@ class Obstacles:
         """(k + 1,) the first corner of each outline."""
         self.tops_m = np.array([top_m(obstacle) for obstacle in obstacles], dtype=np.float64)
         """(k,) above home; infinite where nothing flies over."""
-
         last = [corner for outline in outlines for corner in (*outline[1:], outline[0])]
         self._walls = (
             self.corners_m,
@@ -76,6 +76,20 @@ class Obstacles:
         north_m, east_m, down_m = position_ned_m
         return obstacle_formulas.clearance_m(*self._views, north_m, east_m, -down_m)
 
+    def stand_at(self, position_ned_m: Vector3) -> bool:
+        """Whether a point is inside of one."""
+        north_m, east_m, down_m = position_ned_m
+        return obstacle_formulas.stands_at(*self._views, north_m, east_m, -down_m)
+
+    def stand_at_all(self, positions_ned_m: FloatArray) -> NDArray[np.bool_]:
+        """(n,) whether (n, 3) positions are."""
+        from simvehicle.world.compiled_obstacles import insides
+
+        inside = np.empty(len(positions_ned_m), np.bool_)
+        positions = np.ascontiguousarray(positions_ned_m, np.float64)
+        insides(self.corners_m, self.first, self.tops_m, positions, inside)
+        return inside
+
     def range_m(self, position_ned_m: Vector3, bearing_rad: float) -> float:
         """`ranges_m` at one point."""
         north_m, east_m, down_m = position_ned_m
@@ -92,7 +106,8 @@ class Obstacles:
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             away_m = (start[:, 0] * along[:, 1] - start[:, 1] * along[:, 0]) / across
             share = (start[:, 0] * toward_e - start[:, 1] * toward_n) / across
-            met = (away_m >= 0.0) & (share >= 0.0) & (share <= 1.0)
+            rounding = obstacle_formulas.ROUNDING
+            met = (away_m >= 0.0) & (share >= -rounding) & (share <= 1.0 + rounding)
         ranges_m: FloatArray = np.min(np.where(met, away_m, np.inf), axis=1, initial=np.inf)
         return ranges_m
 

@@ -67,7 +67,7 @@ REGIMES: Final[dict[Regime, tuple[float, float]]] = {
 class GridWindConfig(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag="grid", tag_field="type"
 ):
-    """A wind that flows: it varies over the area and in time, and goes around what stands there."""
+    """A wind that flows: it varies over the area and in time, and is slowed down beside what stands there."""
 
     speed_mps: Annotated[float, Meta(ge=0.0, le=30.0)] = 3.0
     from_deg: Annotated[float, Meta(ge=0.0, le=360.0)] = 90.0

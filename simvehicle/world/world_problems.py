@@ -23,8 +23,8 @@ from simvehicle.world.world_config import (
     WorldConfig,
 )
 
-WAY_M: Final = 2.0
-"""Width of a way that counts as free between obstacles."""
+_NARROWEST_WAY_M: Final = 0.1
+"""Of a way out that is one at all: worlds may be as small as a room."""
 MOST_PUFFS: Final = 2_000_000
 """In the air at a time: some 200 MB."""
 MOST_NODES_PER_S: Final = 1e8
@@ -52,9 +52,11 @@ def problems(config: WorldConfig) -> Iterator[tuple[str, str]]:
             "they cover the whole edge of the wind's grid, so that no air comes in; move or shrink them",
         )
     aims = sources(config)
-    for (field, _), shut in zip(aims, shut_in([place for _, place in aims], config.obstacles), strict=True):
+    for (field, _), shut in zip(
+        aims, shut_in([place for _, place in aims], config.obstacles, way_m=_NARROWEST_WAY_M), strict=True
+    ):
         if shut:
-            yield field, f"the source is shut in: no way of {WAY_M:g} m between the obstacles leads out"
+            yield field, "the source is shut in: no way between the obstacles leads out; open or move them"
 
 
 def sources(config: WorldConfig) -> list[tuple[str, Vector3]]:
@@ -77,10 +79,11 @@ def shut_in(
     places_ned_m: Sequence[Vector3],
     obstacles: Sequence[Obstacle],
     *,
+    way_m: float,
     ceiling_m: float = math.inf,
     bounds: shapely.Geometry | None = None,
 ) -> list[bool]:
-    """Of each place, whatever its height: whether no way that is `WAY_M` wide leads from it to the open ground.
+    """Of each place, whatever its height: whether no way that is `way_m` wide leads from it to the open ground.
 
     With `bounds` (x north, y east): to the first place, inside them. Who may fly as high as `ceiling_m` flies over
     what ends below.
@@ -90,7 +93,7 @@ def shut_in(
     ]
     if not outlines or not places_ned_m:
         return [False] * len(places_ned_m)
-    filled = shapely.union_all(outlines).buffer(0.5 * WAY_M)
+    filled = shapely.union_all(outlines).buffer(0.5 * way_m)
     points = [shapely.Point(place[:2]) for place in places_ned_m]
     if bounds is None:
         everything = shapely.union_all([filled, *points])
@@ -100,13 +103,13 @@ def shut_in(
         aim = points[0]
     parts = shapely.get_parts(bounds.difference(filled))
     # What stands nearer to an obstacle than half a way's width begins at the nearest free ground.
-    return [_part(point, parts) != _part(aim, parts) for point in points]
+    return [_part(point, parts, way_m) != _part(aim, parts, way_m) for point in points]
 
 
-def _part(point: shapely.Point, parts: Sequence[shapely.Geometry]) -> int | None:
-    """Which of the parts a point is in, or nearly in."""
+def _part(point: shapely.Point, parts: Sequence[shapely.Geometry], within_m: float) -> int | None:
+    """Which of the parts a point is in, or so near to."""
     distances_m = [part.distance(point) for part in parts]
-    if not distances_m or min(distances_m) > WAY_M:
+    if not distances_m or min(distances_m) > within_m:
         return None
     return distances_m.index(min(distances_m))
 

@@ -70,8 +70,11 @@ CHANGED = {
     "--trials 1000": "--trials 5",
     "--trials 100 ": "--trials 5 ",
     "--full": "--quick --trials 5",
-    "fluxo-3 --quick": "fluxo-3 --worlds 1 --trials 1 --sizes 3",
-    "fluxo-3 --worlds 9 --trials 4": "fluxo-3 --worlds 1 --trials 1 --sizes 3",
+    "fluxo-3 --quick": "fluxo-3 --worlds 1 --trials 1 --sizes 3 --strategies casting",
+    "fluxo-3 --worlds 9 --trials 4": "fluxo-3 --worlds 1 --trials 1 --sizes 3 --strategies casting",
+    "forces-small --seed 1": "forces-small --worlds 1 --trials 1 --sizes 5 --strategies upwind --seed 1",
+    "forces-large --seed 1": "forces-large --worlds 1 --trials 1 --sizes 10 --strategies upwind --seed 1",
+    "fluxo-1 --seed 1": "fluxo-1 --worlds 1 --trials 1 --seed 1",
     "locus-2 --quick --strategies": "locus-2 --sizes 5 --trials 5 --strategies",
     "--rates 1e-6,1e-5,1e-4 --json": "--rates 1e-6,1e-5,1e-4 --trials 5 --json",
     # Where nothing is overwritten; a copy of the sources, because building leaves files behind.

@@ -25,11 +25,14 @@ from mission.strategies.entry import StrategyEntry
 from mission.strategies.lattice import lattice_rule as rule
 from mission.strategies.lattice.lattice_note import LatticeNote, lattice_note, with_lattice_note
 from mission.strategies.mobs import contact_of
+from mission.strategies.packed import FARTHEST_M, is_contact
 
 Positive = Annotated[float, Meta(gt=0.0)]
 NotNegative = Annotated[float, Meta(ge=0.0)]
 
 _WIND_STALE_S = 15.0
+_STORM_MPS = 100.0
+"""Nobody flies in a wind above this: who tells of one is not believed."""
 _CALM_MPS = 0.5
 """A wind below this has no direction that a plume could be fitted along."""
 _MEMORY = 400
@@ -157,6 +160,13 @@ class Lattice:
         self._reading = Reading(own.drone, order.sequence, own.position_ned_m, 0.0, variance)
 
     def _remember(self, reading: Reading) -> None:
+        """Only what can be: a broken or hostile member must not lead the lattice astray."""
+        if not all(abs(axis) <= FARTHEST_M for axis in reading.position_ned_m):
+            return
+        if not is_contact(reading):
+            valid = reading.excess_co2_ppm == 0.0 and reading.variance_ppm2 >= 0.0
+            variance = reading.variance_ppm2 if valid else math.inf
+            reading = msgspec.structs.replace(reading, excess_co2_ppm=0.0, variance_ppm2=variance)
         self._window[reading.order, reading.drone] = reading
         while len(self._window) > _MEMORY:
             del self._window[next(iter(self._window))]
@@ -256,7 +266,11 @@ class Lattice:
         winds = np.full((len(readings), 2), np.nan)
         for row, reading in zip(winds, readings, strict=True):
             wind = told.get(reading.drone)
-            if wind is not None and wind.age_s < _WIND_STALE_S:
+            if (
+                wind is not None
+                and wind.age_s < _WIND_STALE_S
+                and math.hypot(*wind.wind_ned_mps) < _STORM_MPS
+            ):
                 row[:] = wind.wind_ned_mps[:2]
         known = np.isfinite(winds).all(axis=1)
         winds[~known] = winds[known].mean(axis=0) if known.any() else 0.0

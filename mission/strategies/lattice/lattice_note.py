@@ -14,7 +14,7 @@ from mission.strategies.contract import Order
 from mission.strategies.lattice.lattice_rule import LATTICE_STATE
 from mission.strategies.packed import FARTHEST_M, Packed, is_contact
 
-_MOST = 1e12
+_MOST = 1e15
 """No radius, place, total or flux is larger."""
 
 

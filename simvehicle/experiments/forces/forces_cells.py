@@ -12,6 +12,7 @@ from simvehicle.experiments.experiment import Experiment, Options, Summary
 from simvehicle.experiments.forces.forces_arena import ARENAS, ArenaName, ForcesWorld
 from simvehicle.experiments.forces.forces_flights import TRACKER, VARIANTS
 from simvehicle.experiments.statistics import Floats, wilson
+from simvehicle.experiments.tracing.traced_cells import refuse_others
 from simvehicle.trials.trials_error import TrialsError
 
 _TITLES = {
@@ -43,11 +44,11 @@ class ForcesCell(msgspec.Struct, frozen=True, kw_only=True):
 
 def define(name: str, options: Options) -> Experiment:
     """The experiment called `name`. `TrialsError` names what is impossible."""
-    for option, given in (("rates", options.rates), ("plumes", options.plumes), ("regimes", options.regimes)):
-        if given:
-            raise TrialsError(f"{name} has no use for --{option}")
-    sizes = options.sizes or (_QUICK_SIZES[name] if options.quick else _SIZES[name])
-    variants = options.strategies or tuple(VARIANTS)
+    refuse_others(name, options)
+    if options.regimes:
+        raise TrialsError(f"{name} has no use for --regimes: its arena has one wind")
+    sizes = tuple(sorted(set(options.sizes))) or (_QUICK_SIZES[name] if options.quick else _SIZES[name])
+    variants = tuple(dict.fromkeys(options.strategies)) or tuple(VARIANTS)
     for variant in variants:
         if variant not in VARIANTS:
             raise TrialsError(f"{name} flies {', '.join(VARIANTS)}, not {variant!r}")
@@ -55,9 +56,8 @@ def define(name: str, options: Options) -> Experiment:
         if not 1 <= size <= 60:
             raise TrialsError(f"a swarm of {name} has 1 to 60 robots, not {size}")
     starts = options.trials if options.trials is not None else _STARTS[name]
-    numbers = (
-        options.worlds if options.worlds is not None else 2 if options.quick else 36 if options.full else 12
-    )
+    usual = 2 if options.quick else _PLUMES[name] * (3 if options.full else 1)
+    numbers = options.worlds if options.worlds is not None else usual
     for option, number in (("trials", starts), ("worlds", numbers)):
         if number < 1:
             raise TrialsError(f"--{option} must be at least 1, not {number}")

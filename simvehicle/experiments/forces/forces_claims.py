@@ -152,7 +152,7 @@ def _tracker_beside(cell: ForcesCell) -> ForcesCell:
 
 
 def _by_cohesion(cells: list[ForcesCell], rows: pd.DataFrame) -> list[Verdict]:
-    """Whether those that smell nothing follow by cohesion: with it, more of the others are near who arrives."""
+    """What cohesion does: whether those that smell nothing follow by it, so that more are near who arrives."""
     without = [cell for cell in cells if cell.variant == "no-cohesion" and cell.robots > 1]
     if not without:
         return []
@@ -160,7 +160,13 @@ def _by_cohesion(cells: list[ForcesCell], rows: pd.DataFrame) -> list[Verdict]:
     b = pd.concat([select(rows, _tracker_beside(cell)) for cell in without])
     if len(a) != len(b):
         return []
-    found = []
+    slower, faster = times_s(a), times_s(b)
+    low, high = mean_interval(a, slower - faster)
+    statistic = (
+        f"with cohesion {faster.mean():.0f} s, without {slower.mean():.0f} s; lead {(slower - faster).mean():+.0f} s "
+        f"(95 % {low:+.0f}..{high:+.0f} over {a['world'].nunique()} worlds, {len(a)} pairs)"
+    )
+    found = [Verdict("cohesion makes the search faster", above((low, high), 0.0), statistic)]
     for name, claim, unit, scale in (
         (
             "followers",

@@ -22,6 +22,7 @@ from simvehicle.experiments.forces.forces_arena import (
     obstacle_share,
     start_places,
 )
+from simvehicle.trials.tracing.air_statistics import plume_statistics
 from simvehicle.trials.tracing.flying import (
     ARRIVAL,
     ARRIVED,
@@ -33,7 +34,6 @@ from simvehicle.trials.tracing.flying import (
     tracing_kernel,
 )
 from simvehicle.trials.tracing.swarm_flight import Place, fly_trials, make_place
-from simvehicle.trials.tracing.traced_world import plume_statistics
 from simvehicle.world.recorded_air import RecordedAir
 
 TRACKER = "virtual-forces"

@@ -11,8 +11,9 @@ import numpy as np
 import pandas as pd
 
 from simvehicle.experiments.experiment import Experiment, Options, Summary
-from simvehicle.experiments.lattice.lattice_flights import PUFFS_PER_STEP, TRACERS, LatticeWorld, Plume
+from simvehicle.experiments.lattice.lattice_flights import PUFFS_PER_STEP, TRACERS, LatticeWorld, PuffKind
 from simvehicle.experiments.statistics import wilson
+from simvehicle.experiments.tracing.traced_cells import refuse_others
 from simvehicle.experiments.tracing.traced_table import arrivals, mean_interval
 from simvehicle.trials.tracing.flying import NEVER
 from simvehicle.trials.tracing.lattice_flying import VEHICLES
@@ -58,22 +59,20 @@ class LatticeCell(msgspec.Struct, frozen=True, kw_only=True):
     """A line of the table."""
 
     strategy: str
-    plume: Plume
+    plume: PuffKind
     factor: int
     obstacle_share: float
 
 
 def define(name: str, options: Options) -> Experiment:
     """The experiment called `name`. `TrialsError` names what is impossible."""
-    for option, given in (("rates", options.rates), ("plumes", options.plumes)):
-        if given:
-            raise TrialsError(f"{name} has no use for --{option}")
-    if options.sizes and options.sizes != (VEHICLES,):
+    refuse_others(name, options)
+    if set(options.sizes) - {VEHICLES}:
         raise TrialsError(f"{name} flies lattices of {VEHICLES} vehicles, no other --sizes")
     for regime in options.regimes:
         if regime not in REGIMES:
             raise TrialsError(f"no regime is called {regime!r}; there are {', '.join(REGIMES)}")
-    tracers = options.strategies or ("fluxotaxis", "chemotaxis", "anemotaxis")
+    tracers = tuple(dict.fromkeys(options.strategies)) or ("fluxotaxis", "chemotaxis", "anemotaxis")
     for tracer in tracers:
         if tracer not in TRACERS:
             raise TrialsError(f"{name} flies {', '.join(TRACERS)}, not {tracer!r}")
@@ -115,12 +114,12 @@ def define(name: str, options: Options) -> Experiment:
 
 def _plan(
     name: str, regimes: tuple[Regime, ...]
-) -> Iterator[tuple[int, Regime, Plume, tuple[int, float, float]]]:
+) -> Iterator[tuple[int, Regime, PuffKind, tuple[int, float, float]]]:
     """(number, regime, plume, obstacles) of one world after the other, the kinds mixed evenly.
 
     The second experiment's numbers of kinds have no common factor, so that all are met with all.
     """
-    plumes: tuple[Plume, ...] = tuple(PUFFS_PER_STEP)
+    plumes: tuple[PuffKind, ...] = tuple(PUFFS_PER_STEP)
     for number in itertools.count():
         regime = regimes[number % len(regimes)]
         if name == "fluxo-1":

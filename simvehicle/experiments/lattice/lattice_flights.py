@@ -43,8 +43,8 @@ TRACERS: dict[str, int] = {
     "anemotaxis": ANEMOTAXIS,
     "casting": CAST,
 }
-Plume = Literal["dense", "sparse"]
-PUFFS_PER_STEP: dict[Plume, float] = {"dense": 6.0, "sparse": 0.5}
+PuffKind = Literal["dense", "sparse"]
+PUFFS_PER_STEP: dict[PuffKind, float] = {"dense": 6.0, "sparse": 0.5}
 LENGTH_M = 30.5
 """Of the world's sides: the paper's 930 m2."""
 FACTOR_M = 0.25
@@ -59,7 +59,7 @@ class LatticeWorld(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
     number: int
     regime: Regime
-    plume: Plume
+    plume: PuffKind
     obstacles: int = 0
     obstacle_m: float = 1.5
     obstacle_share: float = 0.0

@@ -117,7 +117,7 @@ class TracedCell(msgspec.Struct, frozen=True):
 
 def define(name: str, options: Options) -> Experiment:
     """The experiment called `name`, one of NAMES. `TrialsError` names what is impossible."""
-    _refuse_others(name, options)
+    refuse_others(name, options)
     quick, usual, full = _SIZES[name]
     size = full if options.full else quick if options.quick else usual
     worlds = options.worlds if options.worlds is not None else size.worlds
@@ -187,7 +187,7 @@ def _regimes(options: Options) -> tuple[Regime, ...]:
     return tuple(regime for regime in REGIMES if not options.regimes or regime in options.regimes)
 
 
-def _refuse_others(name: str, options: Options) -> None:
+def refuse_others(name: str, options: Options) -> None:
     """What belongs to the LoCUS paper's trials would be taken for granted and have no effect."""
     motion = (
         "--motion, --arena, --speed, --acceleration, --r-min, --r-max, --layout, --cut-cells and --cut-goal"

@@ -17,6 +17,7 @@ from simvehicle.experiments.tracing.traced_cells import TracedCell
 
 _CONFIDENCE = 0.95
 _MOST_ROWS = 60
+_UNKNOWN = (math.nan, math.nan)
 
 
 def select(rows: pd.DataFrame, cell: TracedCell) -> pd.DataFrame:
@@ -58,8 +59,11 @@ def summarise(rows: pd.DataFrame, cell: TracedCell) -> Summary:
     steps = arrivals(mine)
     localised = mine["localisation"].to_numpy(dtype=np.float64)
     low, high = wilson(arrived, trials)
-    arrival_low, arrival_high = mean_interval(mine, steps) if trials else (math.nan, math.nan)
-    localisation_low, localisation_high = mean_interval(mine, localised) if trials else (math.nan, math.nan)
+    limit = float(mine["limit_steps"].max()) if trials else math.nan
+    arrival_low, arrival_high = np.clip(mean_interval(mine, steps), 0.0, limit) if trials else _UNKNOWN
+    localisation_low, localisation_high = (
+        np.clip(mean_interval(mine, localised), 0.0, None) if trials else _UNKNOWN
+    )
     return {
         "strategy": cell.strategy,
         "robots": cell.robots,
@@ -86,58 +90,88 @@ def summarise(rows: pd.DataFrame, cell: TracedCell) -> Summary:
 
 
 def markdown(name: str, summaries: Sequence[Summary]) -> str:
-    """The cells, a row each; of many those of the largest and smallest swarm, and where the rest is."""
+    """The cells, a row each; of many the means over the obstacles' shares, and where the rest is."""
     shown = list(summaries)
     text = ""
     if len(shown) > _MOST_ROWS:
-        sizes = sorted({one["robots"] for one in shown})
-        shown = [one for one in shown if one["robots"] in (sizes[0], sizes[-1])]
-        text = f"All {len(summaries)} cells with all columns are in [{name}.csv]({name}.csv).\n\n"
+        shown = _over_shares(shown)
+        text = (
+            f"Means over the obstacles. All {len(summaries)} cells with all columns and their intervals are in "
+            f"[{name}.csv]({name}.csv).\n\n"
+        )
     some = len({one["condition"] for one in shown}) > 1
-    head = ["strategy", "robots", "regime", "obstacles", *(["condition"] if some else [])]
-    head += ["trials", "arrived", "arrival, steps", "95 %", "median", "localisation", "95 %"]
+    head = ["strategy", "robots", "regime", *(["condition"] if some else [])]
+    head += [] if text else ["obstacles"]
+    head += ["trials", "arrived", "arrival, steps", "localisation"]
     text += "| " + " | ".join(head) + " |\n| " + " | ".join("---" for _ in head) + " |\n"
     for one in shown:
-        cells = [one["strategy"], str(one["robots"]), one["regime"], share_words(one["obstacle_share"])]
-        cells += [one["condition"]] if some else []
-        text += "| " + " | ".join([*cells, *_numbers(one)]) + " |\n"
+        cells = [one["strategy"], str(one["robots"]), one["regime"], *([one["condition"]] if some else [])]
+        cells += [] if len(summaries) > _MOST_ROWS else [share_words(one["obstacle_share"])]
+        cells += [str(one["trials"]), percent(one, "success_rate")]
+        text += "| " + " | ".join(
+            [*cells, _with_interval(one, "arrival_steps"), _with_interval(one, "localisation")]
+        )
+        text += " |\n"
     return text
 
 
+def _over_shares(summaries: Sequence[Summary]) -> list[Summary]:
+    """Means by trials of the cells that differ in nothing but their obstacles."""
+    found: dict[tuple[str, ...], list[Summary]] = {}
+    for one in summaries:
+        kind = (one["condition"], one["regime"], one["robots"], one["strategy"])
+        found.setdefault(kind, []).append(one)
+    joined = []
+    for cells in found.values():
+        trials = sum(one["trials"] for one in cells)
+        joined.append(
+            {
+                **{key: cells[0][key] for key in ("strategy", "robots", "regime", "condition")},
+                "trials": trials,
+                **{
+                    key: sum(one[key] * one["trials"] for one in cells) / trials
+                    for key in ("success_rate", "arrival_steps_mean", "localisation_mean")
+                },
+            }
+        )
+    return joined
+
+
+def _with_interval(one: Summary, name: str) -> str:
+    low, high = one.get(f"{name}_low"), one.get(f"{name}_high")
+    interval = "" if low is None else f" ({_whole(low)}..{_whole(high)})"
+    return _whole(one[f"{name}_mean"]) + interval
+
+
 def listing(summaries: Sequence[Summary]) -> Listing:
-    """The table for a terminal."""
-    heads = ("strategy", "robots", "regime", "obstacles", "condition")
+    """The table for a terminal, as narrow as can be."""
+    some = len({one["condition"] for one in summaries}) > 1
+    heads = ("strategy", "robots", "wind", "obstacles", *(("condition",) if some else ()))
     rows = [
         [
             one["strategy"],
             str(one["robots"]),
             one["regime"],
             share_words(one["obstacle_share"]),
-            one["condition"],
-            *_numbers(one),
+            *([one["condition"]] if some else []),
+            percent(one, "success_rate"),
+            _whole(one["arrival_steps_mean"]),
+            _whole(one["arrival_steps_median"]),
+            _whole(one["localisation_mean"]),
         ]
         for one in summaries
     ]
-    numbers = ("trials", "arrived", "arrival", "95 %", "median", "localisation", "95 %")
+    numbers = ("arrived", "steps", "median", "localised")
     return Listing(
-        "arrival in steps, who did not arrive counts as the limit", (*heads, *numbers), len(heads), rows
+        "mean steps to arrival, all steps where never; localisation count",
+        (*heads, *numbers),
+        len(heads),
+        rows,
     )
 
 
 def share_words(share: float) -> str:
     return f"{100.0 * share:g} %"
-
-
-def _numbers(one: Summary) -> list[str]:
-    return [
-        str(one["trials"]),
-        percent(one, "success_rate") if one["trials"] else "-",
-        _whole(one["arrival_steps_mean"]),
-        f"{_whole(one['arrival_steps_low'])}..{_whole(one['arrival_steps_high'])}",
-        _whole(one["arrival_steps_median"]),
-        _whole(one["localisation_mean"]),
-        f"{_whole(one['localisation_low'])}..{_whole(one['localisation_high'])}",
-    ]
 
 
 def _whole(value: float | None) -> str:

@@ -104,7 +104,7 @@ def _set_goals(seven: Seven, count: int) -> None:
         seven.goal_e[k] = seven.state[CENTRE_E] + seven.state[RADIUS_M] * math.sin(bearing_rad)
 
 
-@leaf
+@kernel
 def _sense_all(
     air: RecordedAir,
     rules: Rules,
@@ -128,7 +128,7 @@ def _sense_all(
     return some
 
 
-@leaf
+@kernel
 def _fly_step(terrain: Terrain, rules: Rules, robots: Robots, seven: Seven) -> tuple[float, float]:
     """Everybody goes a step to its place; the farthest way to go before it, the farthest that anybody moved."""
     count = seven.gas.shape[0]

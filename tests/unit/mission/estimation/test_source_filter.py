@@ -127,17 +127,18 @@ def test_equal_evidence_and_generator_make_equal_estimates() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.timeout(1800)
 def test_the_true_source_is_as_near_as_is_said() -> None:
     """Within two standard deviations of the worst axis lies 86 % of a round normal distribution, and 95 % of a
     narrow one: over drawn plumes, where and when the source would be declared (5 m)."""
     inside = []
-    for seed in range(40):
+    for seed in range(24):
         _, _, estimates = fly(drawn(seed))
         declared = next(((error, sd) for error, sd in estimates if math.hypot(sd, 1.0) <= 5.0), None)
         if declared is not None:
             inside.append(declared[0] <= 2.0 * math.hypot(declared[1], 1.0))
-    assert len(inside) >= 20
-    assert np.mean(inside) >= 0.7
+    assert len(inside) >= 12
+    assert np.mean(inside) >= 0.8
 
 
 def breathe(evidence: Evidence, places_m: FloatArray, excess_ppm: float, *, begin_s: float = 0.0) -> None:

@@ -166,6 +166,45 @@ def test_without_a_source_the_search_is_given_up_in_time_and_stays_in_its_square
     assert swarm.order.stage is Stage.GIVE_UP
 
 
+@pytest.mark.parametrize(
+    ("reading", "wind"),
+    [
+        ({"excess_co2_ppm": math.nan}, {}),
+        ({"excess_co2_ppm": 1e300}, {}),
+        ({"excess_co2_ppm": -5.0, "variance_ppm2": math.nan}, {}),
+        ({"excess_co2_ppm": 1e9}, {"wind_ned_mps": (1e300, 0.0, 0.0)}),
+        ({"position_ned_m": (math.nan, 0.0, 0.0)}, {"wind_ned_mps": (math.nan, 0.0, 0.0)}),
+    ],
+    ids=str,
+)
+def test_what_cannot_be_leads_the_lattice_nowhere(
+    reading: dict[str, object], wind: dict[str, object]
+) -> None:
+    swarm = Swarm("lattice-fluxotaxis")
+    swarm.fly(30.0)
+    honest = swarm.own
+
+    def own(drone: int) -> OwnState:
+        state = honest(drone)
+        assert state.wind is not None
+        return (
+            msgspec.structs.replace(state, wind=msgspec.structs.replace(state.wind, **wind))
+            if drone == 4
+            else state
+        )
+
+    swarm.own = own  # type: ignore[method-assign]
+    before = swarm.order.sequence
+    while swarm.time_s < 150.0:
+        swarm.tick()
+        for key, told in swarm.readings.items():
+            if key[1] == 4:
+                swarm.readings[key] = msgspec.structs.replace(told, **reading)
+        north_m, east_m, _ = swarm.order.anchor_ned_m
+        assert math.hypot(north_m - START[0], east_m - START[1]) < 300.0
+    assert swarm.order.sequence > before + 3
+
+
 def test_before_the_first_order_members_hold_and_the_root_forms_the_lattice_where_it_is() -> None:
     swarm = Swarm("lattice-casting")
     seen = Observation(

@@ -25,6 +25,7 @@ from simvehicle.survey.agent_faults import Freeze
 from simvehicle.survey.conduct import words
 from simvehicle.survey.healing import Healing, Rejoin
 from simvehicle.survey.watch import EventMark, Log, OrderMark, SlotMark, Standing, StandingMark
+from simvehicle.world.world_config import RectangularObstacle
 
 ORIGIN = Geodetic(38.4, 14.96, 300.0)
 TIMES_S = np.arange(0.0, 60.0, 0.1)
@@ -125,6 +126,22 @@ def test_vehicles_on_the_ground_have_no_separation() -> None:
     near = summary.closest_approach({1: apart, 2: landed})
     assert near is not None
     assert near.distance_m == pytest.approx(29.5)
+
+
+def test_how_near_vehicles_came_to_obstacles_and_how_often_they_touched() -> None:
+    rock = RectangularObstacle(
+        centre_north_m=0.0, centre_east_m=0.0, length_north_m=10.0, length_east_m=10.0, top_above_home_m=30.0
+    )
+    beside = summary.obstacle_clearance({1: track(1, TIMES_S - 30.0, east_m=8.0)}, (rock,))
+    assert beside == summary.Clearance(pytest.approx(3.0), 0)  # type: ignore[arg-type]
+    over = summary.obstacle_clearance({1: track(1, TIMES_S - 30.0, up_m=31.0)}, (rock,))
+    assert over == summary.Clearance(pytest.approx(1.0), 0)  # type: ignore[arg-type]
+    swaying = summary.obstacle_clearance({1: track(1, 8.0 * np.cos(TIMES_S / 60.0 * 4.0 * np.pi))}, (rock,))
+    assert swaying.touches == 4, "in and out again, from both sides, twice"
+    assert swaying.nearest_m == pytest.approx(-5.0, abs=0.2)
+    standing = summary.obstacle_clearance({1: track(1, 0.0, airborne=False)}, (rock,))
+    assert standing == summary.Clearance(math.inf, 0)
+    assert summarise({1: track(1, 0.0)}).min_clearance_m is None
 
 
 def square(half_m: float) -> Geofence:

@@ -120,7 +120,12 @@ def test_a_file_makes_its_world_and_so_does_what_the_fleet_is_given() -> None:
         (
             {"obstacles": f"{{type: polygon, corners_north_east_m: {RING}}}"},
             "plume",
-            "the source is shut in: no way of 2 m",
+            "no way of 2 m .* from the launch points to the source",
+        ),
+        (
+            {"obstacles": f"{{type: polygon, corners_north_east_m: {RING.replace('28.5', '28.95')}}}"},
+            "plume",
+            "the source is shut in: no way between the obstacles leads out",
         ),
         (
             {"obstacles": f"{{type: polygon, top_above_home_m: 70, corners_north_east_m: {RING}}}"},

@@ -17,9 +17,19 @@ from simvehicle.world.air import World
 from simvehicle.world.configured import make_world
 from simvehicle.world.fields import OPEN_GROUND
 from simvehicle.world.gas_formulas import LOCUS_CUT
-from simvehicle.world.world_config import GaussianPlume, LocusGridPlume, WindConfig, WorldConfig
+from simvehicle.world.world_config import (
+    FilamentPlume,
+    FilamentSource,
+    FlatFilamentPlume,
+    FlatFilamentSource,
+    GaussianPlume,
+    LocusGridPlume,
+    Plume,
+    WindConfig,
+    WorldConfig,
+)
 
-AnyPlume = GaussianPlume | LocusGridPlume | None
+AnyPlume = Plume | None
 Point = tuple[float, float, float]
 
 PLUMES: tuple[AnyPlume, ...] = (
@@ -27,6 +37,10 @@ PLUMES: tuple[AnyPlume, ...] = (
     GaussianPlume(source_north_m=0.0, source_east_m=0.0, source_above_home_m=0.0, vent_sd_m=0.001),
     LocusGridPlume(source_north_m=12.0, source_east_m=-7.0),
     LocusGridPlume(source_north_m=12.0, source_east_m=-7.0, perturbed=True),
+    FilamentPlume(
+        sources=(FilamentSource(north_m=12.0, east_m=-7.0),), rise_mps=1.0, reach_m=200.0, step_s=2.0
+    ),
+    FlatFilamentPlume(sources=(FlatFilamentSource(north_m=12.0, east_m=-7.0),), reach_m=200.0, step_s=2.0),
     None,
 )
 

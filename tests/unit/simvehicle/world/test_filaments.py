@@ -20,6 +20,8 @@ from simvehicle.world.grid_wind import GridWind
 from simvehicle.world.obstacles import Obstacles
 from simvehicle.world.wind import GustyWind
 from simvehicle.world.world_config import (
+    AnyWindConfig,
+    BoundaryLayerWindConfig,
     FilamentPlume,
     FilamentSource,
     FlatFilamentPlume,
@@ -27,6 +29,7 @@ from simvehicle.world.world_config import (
     GridWindConfig,
     PolygonalObstacle,
     RectangularObstacle,
+    ThermalsConfig,
     WindConfig,
     WorldConfig,
 )
@@ -175,6 +178,39 @@ def test_a_moving_source_leaves_its_puffs_behind() -> None:
     assert model.source_ned_m == (10.0, 0.0, 0.0)
 
 
+def test_the_mean_of_a_turbulent_plume_is_the_gaussian_of_its_spread() -> None:
+    """A uniform wind with gusts, over 6,000 s: the mean section 60 m downwind carries what is emitted, and has the
+    spread s^2 t + 2 sv^2 T^2 (t/T - 1 + exp(-t/T)) + r(t)^2/2 of shaking, gusts (Taylor 1921) and the puffs' width.
+    """
+    gust_sd_mps, gust_s, speed_mps, away_m = 0.25, 2.0, 3.0, 60.0
+    source = FilamentSource(north_m=0.0, east_m=0.0, above_home_m=100.0, emission_kgps=1.0)
+    config = FilamentPlume(
+        sources=(source,), shaking=0.4, vertical_shaking=0.4, reach_m=85.0, puffs_per_s=4.0
+    )
+    wind = gusty(speed_mps=speed_mps, from_deg=270.0, gust_sd_mps=gust_sd_mps, gust_time_s=gust_s)
+    model = plume(config, wind)
+    north, up = np.meshgrid(np.arange(-24.0, 24.1, 2.0), np.arange(76.0, 124.1, 2.0), indexing="ij")
+    places = np.column_stack([north.ravel(), np.full(north.size, away_m), -up.ravel()])
+    sections = [model.excesses_co2_ppm(places, time_s) for time_s in np.arange(0.0, 6000.0, 2.0)]
+    mean = np.mean(sections, axis=0).reshape(north.shape)
+    flux_kgps = 4.0 * mean.sum() * 1e-6 * co2_density_kgpm3(HOME_AMSL_M + 100.0) * speed_mps
+    assert flux_kgps == pytest.approx(1.0, rel=0.02)
+    t = away_m / speed_mps
+    taylor = 2.0 * gust_s**2 * (t / gust_s - 1.0 + math.exp(-t / gust_s))
+    still = 0.4**2 * t + 0.5 * (1.0 + 0.05 * t) ** 3
+    north_m2, up_m2 = still + gust_sd_mps**2 * taylor, still + (0.5 * gust_sd_mps) ** 2 * taylor
+    assert (mean * north**2).sum() / mean.sum() == pytest.approx(north_m2, rel=0.05)
+    assert (mean * (up - 100.0) ** 2).sum() / mean.sum() == pytest.approx(up_m2, rel=0.05)
+    gaussian = np.exp(-0.5 * (north**2 / north_m2 + (up - 100.0) ** 2 / up_m2))
+
+    def off(section: FloatArray) -> float:
+        """The largest error, as a share of the peak."""
+        return float(np.abs(section / section.sum() * gaussian.sum() - gaussian).max())
+
+    assert off(mean) < 0.05
+    assert off(np.mean(sections[:100], axis=0).reshape(north.shape)) > 3.0 * off(mean)
+
+
 def test_old_and_far_puffs_are_gone() -> None:
     source = FilamentSource(north_m=0.0, east_m=0.0)
     calm = FilamentPlume(sources=(source,), puffs_per_s=4.0, lifetime_s=30.0)
@@ -292,6 +328,42 @@ def test_it_changes_steadily_between_its_steps() -> None:
     series = [model.excess_co2_ppm((5.0, -30.0, -10.0), 20.0 + 0.01 * i) for i in range(2000)]
     assert max(series) > 50.0
     assert np.abs(np.diff(series)).max() < 0.05 * max(series)
+
+
+@pytest.mark.parametrize(
+    "wind",
+    [
+        BoundaryLayerWindConfig(thermals=ThermalsConfig()),
+        GridWindConfig(length_m=200.0, roughness_m=0.1),
+        GridWindConfig(length_m=200.0, regime="turbulent"),
+        WindConfig(speed_mps=0.0),
+    ],
+)  # fmt: skip
+def test_every_wind_carries_puffs(wind: AnyWindConfig) -> None:
+    """Between rocks, one of which they fly over; two worlds of one file are one, however often they are asked."""
+    tower = RectangularObstacle(
+        centre_north_m=20.0, centre_east_m=-20.0, length_north_m=9.0, length_east_m=9.0, top_above_home_m=8.0
+    )
+    wall = RectangularObstacle(
+        centre_north_m=-20.0, centre_east_m=-20.0, length_north_m=9.0, length_east_m=9.0
+    )
+    config = WorldConfig(
+        origin=Geodetic(14.38, -90.6, HOME_AMSL_M),
+        wind=wind,
+        plume=UPRIGHT,
+        obstacles=(tower, wall),
+        seed=2**40 + 1,
+    )
+    often, once = make_world(config), make_world(config)
+    for time_s in np.arange(0.0, 30.0, 0.7).tolist():
+        assert math.isfinite(often.co2_ppm((5.0, -10.0, -6.0), time_s))
+    assert isinstance(often.gas, Filaments)
+    assert isinstance(once.gas, Filaments)
+    found, expected = often.gas.puffs(40.0), once.gas.puffs(40.0)
+    assert len(expected.radii_m) > 40
+    assert np.isfinite(expected.positions_ned_m).all()
+    assert np.array_equal(found.positions_ned_m, expected.positions_ned_m)
+    assert once.obstacles.clearances_m(expected.positions_ned_m).min() > 0.0
 
 
 @settings(max_examples=60, deadline=None)

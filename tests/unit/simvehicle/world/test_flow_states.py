@@ -53,3 +53,10 @@ def test_going_far_back_starts_at_a_mark_and_not_at_the_beginning() -> None:
     states.at(10_100)
     assert counted.steps - before < 2000
     assert len(states._marks) <= 33
+
+
+def test_large_states_are_kept_in_little_memory() -> None:
+    states = FlowStates(lambda: np.zeros(1_000_000), lambda state, _: state, begin=0)
+    states.at(5000)
+    assert 8e6 * (len(states._marks) + len(states._recent)) < 2.2 * (64 << 20)
+    assert len(states._recent) >= 4

@@ -65,7 +65,7 @@ def test_there_is_no_flow_inside_obstacles(north_m: float, east_m: float, up_m: 
     place = (north_m, east_m, -up_m)
     one, many = asked.wind_ned_mps(place, time_s), asked.winds_ned_mps(np.array([place]), time_s)
     assert many[0].tolist() == pytest.approx(one)
-    if asked.obstacles.clearance_m(place) <= 0.0:
+    if asked.obstacles.clearance_m(place) < 0.0:
         assert one == (0.0, 0.0, 0.0)
     else:
         # Beside it the air may stand still for half a cell, and nowhere else.
@@ -215,14 +215,17 @@ def test_beyond_the_bound_the_solver_does_diverge() -> None:
     assert not largest[1] < 1e3
 
 
-def statistics(config: GridWindConfig) -> np.ndarray:
-    """Mean and standard deviation of both components, and of the speed, over the middle and a while."""
-    asked = GridWind(config, 6, Obstacles((BLOCK,)))
-    axis_m = np.linspace(-50.0, 50.0, 9)
+def statistics(
+    config: GridWindConfig, seed: int = 6, *, every_s: float = 4.0, times: int = 150, standing: bool = True
+) -> np.ndarray:
+    """Mean and standard deviation of both components over time, how different places are, mean and standard deviation
+    of the speed: of places in the square that are not beside an obstacle."""
+    asked = GridWind(config, seed, Obstacles((BLOCK,)) if standing else None)
+    axis_m = np.linspace(-0.42, 0.42, 9) * config.length_m
     north, east = np.meshgrid(axis_m, axis_m, indexing="ij")
     places = np.column_stack([north.ravel(), east.ravel(), np.full(81, -5.0)])
     away = asked.obstacles.clearances_m(places) > 10.0
-    winds = np.array([asked.winds_ned_mps(places[away], 4.0 * k)[:, :2] for k in range(150)])
+    winds = np.array([asked.winds_ned_mps(places[away], every_s * k)[:, :2] for k in range(times)])
     speeds = np.hypot(winds[..., 0], winds[..., 1])
     return np.array(
         [
@@ -246,6 +249,22 @@ def test_halving_the_step_or_the_cells_changes_the_statistics_by_less_than_a_twe
         again = statistics(msgspec.structs.replace(coarse, **finer))
         assert np.abs(again - at_first).max() < 0.05 * size
         assert again[-2:] == pytest.approx(at_first[-2:], rel=0.05)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("regime", ["laminar", "transitional", "turbulent"])
+@pytest.mark.parametrize("standing", [False, True])
+def test_the_papers_worlds_have_converged(regime: Any, standing: bool) -> None:
+    """61^2 nodes over 91.4 m, as the experiments have them: half the step, and half the cells."""
+    paper = GridWindConfig(speed_mps=0.5, from_deg=245.0, length_m=91.4, cells=60, regime=regime)
+    step_s = GridWind(paper, 1).step_s
+    at_first = statistics(paper, every_s=10.0, times=100, standing=standing)
+    for finer in ({"step_s": 0.5 * step_s}, {"cells": 120}):
+        again = statistics(
+            msgspec.structs.replace(paper, **finer), every_s=10.0, times=100, standing=standing
+        )
+        assert np.abs(again - at_first).max() < 0.05 * paper.speed_mps
+        assert again[-2] == pytest.approx(at_first[-2], rel=0.05)
 
 
 def test_a_mean_wind_over_rough_ground_grows_with_the_logarithm_of_the_height() -> None:

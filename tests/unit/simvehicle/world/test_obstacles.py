@@ -38,7 +38,10 @@ def test_clearance_is_the_distance_to_the_outline(north_m: float, east_m: float)
         (-1.0 if one.contains(point) else 1.0) * one.exterior.distance(point)
         for one in (shape(BLOCK), shape(ROCK))
     ]
-    assert BOTH.clearance_m((north_m, east_m, -1.0)) == pytest.approx(min(signed_m), abs=1e-6)
+    place = (north_m, east_m, -1.0)
+    assert BOTH.clearance_m(place) == pytest.approx(min(signed_m), abs=1e-6)
+    assume(abs(min(signed_m)) > 1e-9)
+    assert BOTH.stand_at(place) == BOTH.stand_at_all(np.array([place]))[0] == (min(signed_m) < 0.0)
 
 
 @settings(max_examples=200, deadline=None)
@@ -63,6 +66,8 @@ def test_over_its_top_an_obstacle_is_cleared_and_not_met() -> None:
     over = (2.0, 2.0, -15.0)
     assert BOTH.clearance_m(over) == pytest.approx(3.0)
     assert BOTH.range_m((-5.0, 2.0, -15.0), 0.0) == math.inf
+    assert not BOTH.stand_at(over)
+    assert BOTH.stand_at((2.0, 2.0, -11.0))
     assert BOTH.range_m((-5.0, 2.0, -11.0), 0.0) == pytest.approx(5.0)
     assert BOTH.clearance_m((20.0, -5.0, -1000.0)) == pytest.approx(-2.0)  # nothing flies over the other
     assert BOTH.clearance_m((13.0, 5.0, -16.0)) == pytest.approx(5.0)  # 3 m aside and 4 m above
