@@ -8,6 +8,7 @@ source as they do in the experiments, which is when they cost most.
 from __future__ import annotations
 
 import math
+import pathlib
 import time
 
 import msgspec
@@ -27,6 +28,8 @@ _PER_S = 1.5e6
 _STRATEGIES = ("casting", "chemotaxis", "anemotaxis", "fluxotaxis")
 _SIZES = (7, 28, 70)
 _GROWTH = (7, 20, 70, 200, 500, 1000)
+_DRAWN = pathlib.Path("out") / "benchmarks" / "tracing-growth.png"
+_TICKS_US = (0.1, 0.2, 0.5, 1.0, 2.0)
 _STEPS = 1.5e6
 """Robot-steps of one measurement."""
 _LENGTH_M = 91.4
@@ -84,14 +87,36 @@ def per_s(where: Place, strategy: str, robots: int, repeats: int = 2) -> float:
     return max(rates)
 
 
+def draw_growth(where: Place) -> None:
+    """Processor time a robot-step by the size of the swarm, one call each."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.4, 4.2), layout="constrained")
+    axes = figure.add_subplot()
+    for name in _STRATEGIES:
+        costs_us = [1e6 / per_s(where, name, size, 1) for size in _GROWTH]
+        axes.loglog(_GROWTH, costs_us, "o-", label=name)
+        line = ", ".join(f"{size}: {cost:.2f}" for size, cost in zip(_GROWTH, costs_us, strict=True))
+        print(f"   microseconds a robot-step of {name} by robots: {line}")
+    axes.set_xlabel("robots")
+    axes.set_ylabel("processor time a robot-step, microseconds")
+    axes.set_xticks(_GROWTH, [str(size) for size in _GROWTH])
+    axes.set_yticks(_TICKS_US, [f"{tick:g}" for tick in _TICKS_US])
+    axes.minorticks_off()
+    axes.grid(alpha=0.3)
+    axes.legend(frameon=False)
+    _DRAWN.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(_DRAWN, dpi=110)
+    print(f"   drawn: {_DRAWN}")
+
+
 def main() -> None:
     where = place()
     rates = {(name, size): per_s(where, name, size) for name in _STRATEGIES for size in _SIZES}
     for name in _STRATEGIES:
         line = ", ".join(f"{size}: {rates[name, size]:.2g}" for size in _SIZES)
         print(f"   robot-steps/s of {name} by robots: {line}")
-    growth = ", ".join(f"{size}: {per_s(where, 'fluxotaxis', size, 1):.2g}" for size in _GROWTH)
-    print(f"   robot-steps/s of fluxotaxis by robots (one call each): {growth}")
+    draw_growth(where)
     figures = Figures()
     # The experiment flies as many trials of each strategy and size; a large swarm has more robot-steps.
     whole = sum(size for _, size in rates)

@@ -27,6 +27,8 @@ _VERSIONED = frozenset(sys.stdlib_module_names) | {
     "shapely",
 }
 """Packages whose code has a version instead."""
+_COMPILER = ("simvehicle.compiled", "simvehicle.code_identity")
+"""What makes machine code of others, and remembers which: that differs from process to process."""
 _EXACT = 64
 """Larger tables are compared to single precision: their last bits are those of the machine that made them."""
 
@@ -78,7 +80,8 @@ def _name(value: Any) -> str:
 
 
 def _versioned(value: Any) -> bool:
-    return (getattr(value, "__module__", None) or "builtins").partition(".")[0] in _VERSIONED
+    module = getattr(value, "__module__", None) or "builtins"
+    return module in _COMPILER or module.partition(".")[0] in _VERSIONED
 
 
 def _walked(value: Any) -> bool:

@@ -27,6 +27,8 @@ OUTAGE_S: Final = 3.0
 
 _MEMORY: Final = 200.0
 """States over which the loss is averaged, all peers together."""
+_REMEMBERED: Final = math.exp(-1.0 / _MEMORY)
+"""What is left of the loss known before, after one more."""
 
 
 class Reception:
@@ -58,5 +60,5 @@ class Reception:
             known[drone] = heard_s
             if before_s is not None and heard_s - before_s < OUTAGE_S:
                 states = max(1, round((heard_s - before_s) / STATE_PERIOD_S))
-                remembered = math.exp(-states / _MEMORY)
+                remembered = _REMEMBERED if states == 1 else math.exp(-states / _MEMORY)
                 self._loss = remembered * self._loss + (1.0 - remembered) * (states - 1) / states

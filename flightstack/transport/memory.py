@@ -133,7 +133,8 @@ class MemoryTransport:
         if len(arrived) <= KEPT_PER_SENDER:
             return arrived
         sources = {(message.topic.name, message.sender) for message in arrived}
-        return arrived if len(sources) == len(arrived) else _kept(arrived)
+        repeated = len(arrived) - len(sources)
+        return arrived if repeated < KEPT_PER_SENDER else _kept(arrived)
 
     def alive(self) -> set[str]:
         """The other nodes that this one could hear now."""
@@ -313,11 +314,12 @@ class MemoryRadio:
         self._in_flight = [item for item in self._in_flight if item[0] > now_s]
         self._next_s = min((item[0] for item in self._in_flight), default=math.inf)
         due.sort()
-        nodes, places_matter = self._nodes, self._places_matter
+        nodes, places_matter, known = self._nodes, self._places_matter, self._audience
         for _, _, receiver, message in due:
-            if receiver not in self._heard_by(message.sender):
+            sender = message.sender
+            if receiver not in (known[sender] if sender in known else self._heard_by(sender)):
                 continue
-            if not places_matter or self._loss_on_the_way(message.sender, receiver) < 1.0:
+            if not places_matter or self._loss_on_the_way(sender, receiver) < 1.0:
                 nodes[receiver].deliver(message)
 
     def audible(self, node: str) -> set[str]:

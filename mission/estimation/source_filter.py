@@ -202,7 +202,7 @@ class SourceFilter:
             self._log_weights += gain
             if _effective(self._log_weights) < 2.0 * _EFFECTIVE * len(gain):
                 self._resample()
-                spent += self._move(len(gain) * len(self._known)) * len(self._known)
+                spent += self._move(_PAIRS_A_CALL) * len(self._known)
         if done >= 1.0:
             self._seen[rows] = evidence.changes[rows]
         return spent

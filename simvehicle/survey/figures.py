@@ -63,6 +63,9 @@ _PHASE_FILLS: dict[Phase, str] = {
 MARGIN = 0.09
 """Room around what a map shows, in parts of its width."""
 
+_MOMENTS = 40
+"""Of the flight, over which the plume on a map is the mean."""
+
 
 def colour(index: int) -> str:
     return _COLOURS[index % len(_COLOURS)]
@@ -182,11 +185,14 @@ def _obstacles(axes: Axes, obstacles: Sequence[Obstacle]) -> None:
         )  # fmt: skip
 
 
-def _gas(axes: Axes, gas: GasField, above_home_m: float, time_s: float) -> None:
-    """Filled contours of the excess at survey altitude, with their values written on them."""
+def _gas(axes: Axes, gas: GasField, above_home_m: float, end_s: float) -> None:
+    """Filled contours of the excess at survey altitude, with their values written on them: its mean over the flight,
+    since some plumes meander."""
     east_m, north_m = np.meshgrid(np.linspace(*axes.get_xlim(), 240), np.linspace(*axes.get_ylim(), 240))
     places_ned_m = np.stack([north_m, east_m, np.full_like(north_m, -above_home_m)], axis=-1)
-    excess_ppm = gas.excesses_co2_ppm(places_ned_m.reshape(-1, 3), time_s).reshape(north_m.shape)
+    moments_s = np.linspace(0.0, end_s, _MOMENTS)
+    moments_ppm = [gas.excesses_co2_ppm(places_ned_m.reshape(-1, 3), time_s) for time_s in moments_s.tolist()]
+    excess_ppm = np.mean(moments_ppm, axis=0).reshape(north_m.shape)
     levels = [level for level in _CONTOURS_PPM if level < excess_ppm.max()]
     if not levels:
         return

@@ -187,8 +187,8 @@ def _drawings(
     yield _drawing(
         drawn_map(whole_fence=False),
         "Map of the survey",
-        f"The plume {height_m:g} m above home at the end (CO2 over the background), the drones' true tracks, "
-        f"their homes (squares), {'obstacles, ' if config.obstacles else ''}and what the swarm made of it.",
+        f"The plume {height_m:g} m above home (CO2 over the background, its mean over the flight), the drones' true "
+        f"tracks, their homes (squares), {'obstacles, ' if config.obstacles else ''}and what the swarm made of it.",
     )
     if fence is not None:
         yield _drawing(drawn_map(whole_fence=True), "The survey in its geofence", "The same, further away.")

@@ -213,11 +213,17 @@ def carry(
 
 @compiled
 def keep_out(
-    before: SingleArray, after: SingleArray, counts: IntArray, sources_m: FloatArray, barriers: Barriers
+    before: SingleArray,
+    after: SingleArray,
+    counts: IntArray,
+    fresh: IntArray,
+    sources_m: FloatArray,
+    barriers: Barriers,
 ) -> None:
     """Take back what of the puffs' step leads into obstacles: a puff slides along the wall, or stays.
 
-    `sources_m` (sources, 2): north and east.
+    `sources_m` (sources, 2): north and east. Of the `fresh`, those that a moving source releases in an obstacle are
+    out of reach at the end of the step.
     """
     for source in range(before.shape[1]):
         for k in range(counts[source]):
@@ -226,6 +232,9 @@ def keep_out(
             n1 = sources_m[source, 0] + float(after[NORTH, source, k])
             e1 = sources_m[source, 1] + float(after[EAST, source, k])
             up0, up1 = float(before[UP, source, k]), float(after[UP, source, k])
+            if k >= counts[source] - fresh[source] and inside(barriers, n0, e0, up0):
+                after[NORTH, source, k] = np.inf
+                continue
             if not blocked(barriers, n0, e0, up0, n1, e1, up1):
                 continue
             # At its height, along one axis, up or down the wall, or nowhere.

@@ -264,7 +264,7 @@ class Filaments:
             kept,
         )
         if self._barriers.tops_m.size:
-            keep_out(self._before, self._after, self._counts, self._sources_m, self._barriers)
+            keep_out(self._before, self._after, self._counts, fresh, self._sources_m, self._barriers)
 
     def _phases(self) -> FloatArray:
         """(sources,) in puffs: when each source's first is due."""

@@ -16,7 +16,7 @@ COMMAND = ["scenario", "search", "--level", "protocol", "--json"]
 @pytest.mark.parametrize(
     "seeds",
     [
-        pytest.param(40, id="some"),
+        pytest.param(200, id="some"),
         pytest.param(10_000, id="10,000", marks=pytest.mark.long),
     ],
 )

@@ -57,8 +57,7 @@ def test_a_new_root_declares_the_source_and_says_how_well_it_is_known(
     flight.kill(root)
     assert flight.run_until(lambda: flight.source_ned_m is not None, 200.0)
     flight.run(1.5)
-    (order,) = {t.order for drone, t in flight.tables.items() if drone != root}
-    assert order is not None
+    (order,) = {told.order for drone, told in flight.orders.items() if drone != root}
     assert order.stage is Stage.FOUND
     assert order.source_ned_m is not None
     assert order.source_sd_m is not None

@@ -49,7 +49,7 @@ def draw(summaries: list[Summary], title: str) -> Figure:
                 _by_value(axes, summaries, key, name)
             _by_intermittency(panels[row, -1], summaries, name)
             panels[row, 0].set_ylabel(label)
-            most = max(one[name] for one in summaries if one[name] is not None)
+            most = max(1.0, *(one[name] for one in summaries if one[name] is not None))
             if name == "localisation_mean":
                 panels[row, 0].set_yscale("symlog", linthresh=100.0)
             panels[row, 0].set_ylim(0.0, 1.05 * most if name == "arrival_steps_mean" else 2.0 * most)
@@ -88,7 +88,7 @@ def _by_intermittency(axes: Any, summaries: list[Summary], name: str) -> None:
     }
     for number, strategy in enumerate(_strategies(plain)):
         means = [_mean(plain, strategy, name, regime=regime, obstacle_share=share) for regime, share in kinds]
-        axes.plot(list(kinds.values()), means, "", linestyle="", **_look(strategy, number))
+        axes.plot(list(kinds.values()), means, linestyle="", **_look(strategy, number))
     axes.grid(alpha=0.25)
 
 

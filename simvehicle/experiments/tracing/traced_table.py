@@ -144,39 +144,34 @@ def _with_interval(one: Summary, name: str) -> str:
 
 
 def listing(summaries: Sequence[Summary]) -> Listing:
-    """The table for a terminal."""
-    heads = ("strategy", "robots", "regime", "obstacles", "condition")
+    """The table for a terminal, as narrow as can be."""
+    some = len({one["condition"] for one in summaries}) > 1
+    heads = ("strategy", "robots", "wind", "obstacles", *(("condition",) if some else ()))
     rows = [
         [
             one["strategy"],
             str(one["robots"]),
             one["regime"],
             share_words(one["obstacle_share"]),
-            one["condition"],
-            *_numbers(one),
+            *([one["condition"]] if some else []),
+            percent(one, "success_rate"),
+            _whole(one["arrival_steps_mean"]),
+            _whole(one["arrival_steps_median"]),
+            _whole(one["localisation_mean"]),
         ]
         for one in summaries
     ]
-    numbers = ("trials", "arrived", "arrival", "95 %", "median", "localisation", "95 %")
+    numbers = ("arrived", "steps", "median", "localised")
     return Listing(
-        "arrival in steps, who did not arrive counts as the limit", (*heads, *numbers), len(heads), rows
+        "mean steps to arrival, all steps where never; localisation count",
+        (*heads, *numbers),
+        len(heads),
+        rows,
     )
 
 
 def share_words(share: float) -> str:
     return f"{100.0 * share:g} %"
-
-
-def _numbers(one: Summary) -> list[str]:
-    return [
-        str(one["trials"]),
-        percent(one, "success_rate") if one["trials"] else "-",
-        _whole(one["arrival_steps_mean"]),
-        f"{_whole(one['arrival_steps_low'])}..{_whole(one['arrival_steps_high'])}",
-        _whole(one["arrival_steps_median"]),
-        _whole(one["localisation_mean"]),
-        f"{_whole(one['localisation_low'])}..{_whole(one['localisation_high'])}",
-    ]
 
 
 def _whole(value: float | None) -> str:

@@ -153,8 +153,8 @@ def explained(experiment: Experiment, rows: pd.DataFrame) -> str:
     sizes = ", ".join(map(str, sorted(rows["robots"].unique())))
     under = f" under {len(conditions)} conditions" if len(conditions) > 1 else ""
     text = (
-        f"## What was flown\n\n{len(worlds)} worlds with {starts} start{'s' if starts > 1 else ''} each, for every "
-        f"strategy and swarms of {sizes} robots{under}: {len(everything)} trials of "
+        f"## What was flown\n\n{_counted(len(worlds), 'world')} with {_counted(starts, 'start')} each, for every "
+        f"strategy and swarms of {sizes} robots{under}: {_counted(len(everything), 'trial')} of "
         f"{int(rows['limit_steps'].max())} steps. Who "
         "does not arrive counts with all steps (censored). Intervals are over the worlds' means, 95 %.\n\n"
         "## Who wins when\n\n"
@@ -260,6 +260,10 @@ def _values(mine: pd.DataFrame, localises: bool) -> np.ndarray:
 
 def _means(mine: pd.DataFrame, flown: Sequence[str] | set[str], *, localises: bool) -> dict[str, float]:
     return {name: float(_values(mine[mine["strategy"] == name], localises).mean()) for name in sorted(flown)}
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def _censored(mine: pd.DataFrame) -> int:

@@ -9,6 +9,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from simvehicle import code_identity
+from simvehicle.compiled import called_by_leaves
 from simvehicle.trials.tracing.air_statistics import plume_statistics
 from simvehicle.trials.tracing.swarm_flight import Vehicles
 from simvehicle.trials.tracing.traced_world import (
@@ -110,6 +112,17 @@ def test_the_statistics_of_a_plume_that_is_there_half_the_time() -> None:
 def test_engines_differ_by_strategy_only() -> None:
     assert engine_of((SMALL,)) == engine_of((changed(number=9, robots=(3,)),))
     assert engine_of((SMALL,)) != engine_of((changed(strategies=("chemotaxis",)),))
+
+
+def test_an_engine_is_the_same_whatever_else_a_process_has_compiled() -> None:
+    before = engine_of((SMALL,))
+
+    def another(north_m: float) -> float:
+        return north_m + 1.0
+
+    called_by_leaves(another)
+    code_identity._own.cache_clear()
+    assert engine_of((SMALL,)) == before
 
 
 @pytest.mark.parametrize(

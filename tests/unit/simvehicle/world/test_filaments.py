@@ -259,6 +259,17 @@ def test_no_puff_is_in_an_obstacle_and_no_gas(config: Config, flows: bool) -> No
     assert model.excesses_co2_ppm(beside, 100.0).max() > 0.0
 
 
+def test_a_source_that_moves_through_a_rock_releases_nothing_there() -> None:
+    source = FilamentSource(north_m=5.0, east_m=-30.0, moving_east_mps=2.0)
+    config = FilamentPlume(sources=(source,), puffs_per_s=5.0, head_start_s=0.0)
+    model = plume(config, gusty(speed_mps=0.0, gust_sd_mps=0.0), obstacles=ROCKS)
+    live = model.puffs(20.0)
+    born_m = -30.0 + 2.0 * (0.1 + 0.2 * np.arange(100))
+    outside = (born_m < -14.0) | (born_m > -10.0)
+    assert len(live.radii_m) == np.count_nonzero(outside) == 90
+    assert ROCKS.clearances_m(live.positions_ned_m).min() > 0.0
+
+
 def test_a_long_thin_wall_is_not_jumped_over() -> None:
     """The wall is thinner than the step that the wind makes; what is behind it came around its ends or over it."""
     wall = RectangularObstacle(
