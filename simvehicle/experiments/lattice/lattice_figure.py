@@ -75,7 +75,7 @@ def _panels(
                     axes.set_ylabel(words[row])
             panels[0][column].set_title(f"{plume} plumes")
             panels[-1][column].set_xlabel(
-                "greatest radius, 0.25 m" if along == "factor" else "ground under obstacles, %"
+                "greatest radius, in 0.25 m" if along == "factor" else "ground under obstacles, %"
             )
         handles, labels = panels[0][0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False)
