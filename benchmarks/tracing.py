@@ -17,7 +17,7 @@ import numpy as np
 from benchmarks import Figures
 from mission.geometry.formation import FloatArray
 from simvehicle.trials.tracing.flying import STEPS
-from simvehicle.trials.tracing.swarm_flight import Place, Vehicles, fly_trials, make_place
+from simvehicle.trials.tracing.swarm_flight import TracedScene, TracingVehicles, fly_trials, make_place
 from simvehicle.trials.tracing.terrain import clearances_of
 from simvehicle.world.obstacles import Obstacles
 from simvehicle.world.recorded_air import RecordedAir
@@ -36,7 +36,7 @@ _LENGTH_M = 91.4
 _NODES = 183
 
 
-def place() -> Place:
+def place() -> TracedScene:
     """A plume to the east, around 36 obstacles."""
     source_m = np.array([45.0, 25.0])
     north, east = np.meshgrid(*[np.arange(_NODES) * 0.5] * 2, indexing="ij")
@@ -65,7 +65,7 @@ def place() -> Place:
     return make_place(air, source_m[None], Obstacles(obstacles))
 
 
-def starts(where: Place, robots: int) -> FloatArray:
+def starts(where: TracedScene, robots: int) -> FloatArray:
     """(1, robots, 2) a lattice downwind; who would stand in an obstacle is left out, and the lattice goes on."""
     side = math.ceil(math.sqrt(1.2 * robots)) + 2
     along = 0.8 * (np.arange(side) - 0.5 * (side - 1))
@@ -74,10 +74,10 @@ def starts(where: Place, robots: int) -> FloatArray:
     return places[clearances_of(where.terrain, places) > 0.2][:robots][None]
 
 
-def per_s(where: Place, strategy: str, robots: int, repeats: int = 2) -> float:
+def per_s(where: TracedScene, strategy: str, robots: int, repeats: int = 2) -> float:
     """Robot-steps a second of processor time, the best of `repeats` calls."""
     begin = starts(where, robots)
-    vehicles = Vehicles(range_m=1.0, limit_steps=max(round(_STEPS / robots), 100))
+    vehicles = TracingVehicles(range_m=1.0, limit_steps=max(round(_STEPS / robots), 100))
     fly_trials(where, msgspec.structs.replace(vehicles, limit_steps=1), strategy, begin, seed=1)
     rates = []
     for _ in range(repeats):
@@ -87,7 +87,7 @@ def per_s(where: Place, strategy: str, robots: int, repeats: int = 2) -> float:
     return max(rates)
 
 
-def draw_growth(where: Place) -> None:
+def draw_growth(where: TracedScene) -> None:
     """Processor time a robot-step by the size of the swarm, one call each."""
     from matplotlib.figure import Figure
 

@@ -20,7 +20,7 @@ from flightstack.flight.braking import REACTION_S, braking_speed_mps
 from flightstack.flight.columns import columns
 from flightstack.flight.guidance import CORRIDOR_M, HOVERS_MPS, horizontal_m, stays, stretch, whereabouts
 from flightstack.flight.keeping_clear import kept_clear
-from flightstack.flight.surroundings import Surroundings
+from flightstack.flight.surroundings import ObstaclesAround
 from flightstack.flight.way_around import Room, Way, WayAround
 from flightstack.mavlink.obstacle_distance import Ranges
 from flightstack.swarm.peers import FRESH_S
@@ -84,7 +84,7 @@ class Guard:
     ) -> None:
         self._limits = limits
         self._fence = fence
-        self._surroundings = Surroundings(obstacles, limits.obstacle_margin_m)
+        self._surroundings = ObstaclesAround(obstacles, limits.obstacle_margin_m)
         self._held_ned_m: Vector3 | None = None
         self._way = WayAround(fence, limits.fence_margin_m, self._surroundings)
 

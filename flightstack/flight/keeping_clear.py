@@ -11,7 +11,7 @@ import math
 
 from flightstack.config import LimitsConfig
 from flightstack.flight.braking import REACTION_S, braking_distance_m, braking_speed_mps
-from flightstack.flight.surroundings import Surroundings
+from flightstack.flight.surroundings import ObstaclesAround
 from mission.geometry.frames import Vector3
 from mission.geometry.known_obstacles import Beside
 
@@ -26,7 +26,7 @@ def kept_clear(
     position_ned_m: Vector3,
     velocity_ned_mps: Vector3,
     wanted_ned_mps: Vector3,
-    obstacles: Surroundings,
+    obstacles: ObstaclesAround,
     limits: LimitsConfig,
 ) -> Vector3:
     """The velocity from which the drone can still stop before every obstacle; away from one whose margin it is in.
@@ -68,7 +68,7 @@ def _kept_out(
 def _able_to_stop(
     position: Vector3,
     velocity: Vector3,
-    obstacles: Surroundings,
+    obstacles: ObstaclesAround,
     walls: list[Beside],
     acceleration_mps2: float,
 ) -> Vector3:

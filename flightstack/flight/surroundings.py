@@ -22,7 +22,7 @@ _NEIGHBOUR_M = 2.5
 """And so near to another drone that drone, which the guard keeps apart from anyway."""
 
 
-class Surroundings:
+class ObstaclesAround:
     """Asked by the guard as `LocalObstacles` are."""
 
     def __init__(self, known: LocalObstacles | None, margin_m: float) -> None:

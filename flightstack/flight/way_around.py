@@ -19,7 +19,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from flightstack.flight.surroundings import Surroundings
+from flightstack.flight.surroundings import ObstaclesAround
 from mission.geometry.geofence import LocalFence, LocalPoint
 
 RIM_M: Final = 0.8
@@ -77,7 +77,7 @@ class WayAround:
     """One drone's way. `step` once a tick; between the ticks it remembers the way that is being flown."""
 
     def __init__(
-        self, fence: LocalFence | None, margin_m: float, obstacles: Surroundings | None = None
+        self, fence: LocalFence | None, margin_m: float, obstacles: ObstaclesAround | None = None
     ) -> None:
         """`margin_m`: to the fence."""
         self._fence = fence

@@ -17,7 +17,7 @@ from gcs.errors import GroundError
 from gcs.keys.roster import ROUTER_FILE
 
 if TYPE_CHECKING:
-    from gcs.keys.bundles import Changes
+    from gcs.keys.bundles import BundleChanges
 
 app = typer.Typer(help="Keys and certificates of a fleet.", no_args_is_help=True)
 
@@ -73,7 +73,7 @@ def fleet_init(
 ) -> None:
     """Make an authority of this fleet, and for every drone and station a key, a certificate and its swarm section."""
     from gcs.keys.bundles import create
-    from gcs.keys.roster import Fleet
+    from gcs.keys.roster import FleetRoster
     from gcs.keys.whole_files import Templates
 
     stations = _stations(station)
@@ -84,7 +84,7 @@ def fleet_init(
     if re.fullmatch(r"[A-Za-z0-9_-]+", swarm) is None:
         raise GroundError(f"--swarm {swarm!r}: use letters, digits, - and _ only")
     named = None if router is None else _router(router)
-    fleet = Fleet(
+    fleet = FleetRoster(
         swarm=swarm,
         drones={},
         stations={},
@@ -192,7 +192,7 @@ def _router(text: str) -> tuple[str, str]:
 
 def _tell(
     directory: pathlib.Path,
-    changes: Changes,
+    changes: BundleChanges,
     valid: datetime.timedelta,
     *,
     json: bool,

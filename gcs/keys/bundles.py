@@ -26,7 +26,7 @@ import yaml
 from gcs.errors import GroundError
 from gcs.keys.authority import Pair, check_library, new_authority, sign
 from gcs.keys.node_files import router_file, swarm_section
-from gcs.keys.roster import AUTHORITY, ROUTER_FILE, Fleet, check_fleet
+from gcs.keys.roster import AUTHORITY, ROUTER_FILE, FleetRoster, check_fleet
 from gcs.keys.whole_files import NO_TEMPLATES, Templates, beside, whole_file
 from mission.documents.yaml_file import parse, read_text
 
@@ -38,7 +38,7 @@ _SET_CLOCKS: Final = datetime.datetime(2026, 1, 1, tzinfo=datetime.UTC)
 """Before this no fleet was made: a clock that says so is not set, and its certificates would have expired."""
 
 
-class Changes(NamedTuple):
+class BundleChanges(NamedTuple):
     """What is to be copied to the nodes."""
 
     made: list[pathlib.Path]
@@ -49,12 +49,12 @@ class Changes(NamedTuple):
 
 def create(
     directory: pathlib.Path,
-    fleet: Fleet,
+    fleet: FleetRoster,
     valid: datetime.timedelta,
     templates: Templates = NO_TEMPLATES,
     *,
     force: bool = False,
-) -> Changes:
+) -> BundleChanges:
     """Make an authority and everybody's bundle, with whole configuration files where there are `templates`.
 
     Nothing is overwritten without `force`: a new authority makes every key and certificate before it worthless.
@@ -92,7 +92,7 @@ def add(
     site: str | None = None,
     router: tuple[str, str] | None = None,
     templates: Templates = NO_TEMPLATES,
-) -> Changes:
+) -> BundleChanges:
     """More nodes, whom the others' files name then.
 
     In a fleet of several sites they are all at `site`, which may be new; `router` is the router's name and the
@@ -117,7 +117,7 @@ def add(
         return _write(directory, fleet, _authority(directory), new, _now(), valid, files, fresh=True)
 
 
-def renew(directory: pathlib.Path, names: Iterable[str], valid: datetime.timedelta) -> Changes:
+def renew(directory: pathlib.Path, names: Iterable[str], valid: datetime.timedelta) -> BundleChanges:
     """New certificates for the same keys; of everybody if no `names` are given."""
     check_library()
     fleet = read(directory)
@@ -132,14 +132,14 @@ def renew(directory: pathlib.Path, names: Iterable[str], valid: datetime.timedel
         return _write(directory, fleet, _authority(directory), wanted, _now(), valid, files, fresh=False)
 
 
-def read(directory: pathlib.Path) -> Fleet:
+def read(directory: pathlib.Path) -> FleetRoster:
     """The fleet of a directory; `DocumentError` or `GroundError` where it is none."""
     file = directory / _FLEET_FILE
     if not file.is_file():
         raise GroundError(
             f"{directory} is no fleet's directory (it has no {_FLEET_FILE}); gcs fleet init makes one"
         )
-    return parse(read_text(file), Fleet, str(file))
+    return parse(read_text(file), FleetRoster, str(file))
 
 
 def write_keys(
@@ -169,7 +169,7 @@ def _now() -> datetime.datetime:
 
 def _write(
     directory: pathlib.Path,
-    fleet: Fleet,
+    fleet: FleetRoster,
     authority: Pair,
     names: Iterable[str],
     now: datetime.datetime,
@@ -177,7 +177,7 @@ def _write(
     files: dict[pathlib.Path, bytes],
     *,
     fresh: bool,
-) -> Changes:
+) -> BundleChanges:
     """Sign for `names`, with new keys if `fresh`, and tell everybody who belongs to the fleet with `files`."""
     made, changed = [], []
     for name in names:
@@ -196,11 +196,11 @@ def _write(
             changed.append(file)
         _replace(file, data)
     _write_roster(directory, fleet)
-    return Changes(made, changed)
+    return BundleChanges(made, changed)
 
 
 def _configurations(
-    directory: pathlib.Path, fleet: Fleet, new: Collection[str], templates: Templates
+    directory: pathlib.Path, fleet: FleetRoster, new: Collection[str], templates: Templates
 ) -> dict[pathlib.Path, bytes]:
     """What tells everybody how to join, by file; of those in `new` from `templates`.
 
@@ -234,7 +234,7 @@ def _is_in_whole_file(file: pathlib.Path, files: dict[pathlib.Path, bytes]) -> b
     )
 
 
-def _write_roster(directory: pathlib.Path, fleet: Fleet) -> None:
+def _write_roster(directory: pathlib.Path, fleet: FleetRoster) -> None:
     written = yaml.safe_dump(msgspec.to_builtins(fleet, str_keys=False), sort_keys=False)
     _replace(directory / _FLEET_FILE, written.encode())
 

@@ -9,10 +9,10 @@ import yaml
 
 from flightstack.config import TlsConfig
 from flightstack.transport.zenoh_options import as_document, router_options
-from gcs.keys.roster import AUTHORITY, Fleet, FleetNode, bracketed
+from gcs.keys.roster import AUTHORITY, FleetNode, FleetRoster, bracketed
 
 
-def swarm_section(fleet: Fleet, node: FleetNode) -> str:
+def swarm_section(fleet: FleetRoster, node: FleetNode) -> str:
     """The `swarm` section of a node's configuration file, YAML."""
     endpoints = [_endpoint(other.host, fleet.port) for other in fleet.nodes() if other.site == node.site]
     section: dict[str, object] = {"name": fleet.swarm, "members": list(fleet.drones)}
@@ -28,7 +28,7 @@ def swarm_section(fleet: Fleet, node: FleetNode) -> str:
     return yaml.safe_dump({"swarm": section}, sort_keys=False, default_flow_style=None, width=110)
 
 
-def router_file(fleet: Fleet, name: str) -> str:
+def router_file(fleet: FleetRoster, name: str) -> str:
     """The configuration file of the fleet's router, JSON5."""
     listen = (f"tls/[::]:{fleet.router_port}",)  # an address at which others reach it need not be its own
     options = router_options(listen, fleet.sites, fleet.swarm, fleet.drones, _files(fleet, name))
@@ -39,7 +39,7 @@ def router_file(fleet: Fleet, name: str) -> str:
     )
 
 
-def _files(fleet: Fleet, name: str) -> TlsConfig:
+def _files(fleet: FleetRoster, name: str) -> TlsConfig:
     """`swarm.tls` of a node whose files lie beside each other."""
     return TlsConfig(
         authority=f"{AUTHORITY}.pem",

@@ -41,7 +41,7 @@ class Site(Section, frozen=True, kw_only=True):
     """As in their certificates: "drone-3", "ground"."""
 
 
-class Fleet(Section, frozen=True, kw_only=True):
+class FleetRoster(Section, frozen=True, kw_only=True):
     """Who belongs to a fleet; drones in the order in which they take the formation's slots."""
 
     swarm: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]+$")]
@@ -69,7 +69,7 @@ class Fleet(Section, frozen=True, kw_only=True):
 
     def with_nodes(
         self, drones: dict[int, str], stations: dict[str, str], site: str | None, router_host: str | None
-    ) -> Fleet:
+    ) -> FleetRoster:
         """The same with more nodes, all at one `site`. `router_host`: where a new site reaches the router; as the
         first one does if None."""
         sites = dict(self.sites)
@@ -84,7 +84,7 @@ class Fleet(Section, frozen=True, kw_only=True):
         )
 
 
-def check_fleet(fleet: Fleet) -> None:
+def check_fleet(fleet: FleetRoster) -> None:
     for problem in name_clashes(
         list(fleet.stations), [AUTHORITY, *([fleet.router] if fleet.router is not None else [])]
     ):
@@ -107,7 +107,7 @@ def check_fleet(fleet: Fleet) -> None:
         _check_host(node.name, node.host)
 
 
-def _check_sites(fleet: Fleet) -> None:
+def _check_sites(fleet: FleetRoster) -> None:
     if fleet.router is None:
         if fleet.sites:
             raise GroundError("several sites are joined by a router; name it")

@@ -55,7 +55,7 @@ class VehicleError(GroundError):
     """The autopilot did not answer, or would not."""
 
 
-class Exchange(Protocol):
+class VehicleExchange(Protocol):
     """A question to an autopilot, as `flightstack.mavlink.exchanges` has them."""
 
     @property
@@ -105,7 +105,7 @@ class VehicleLink:
 
     # -- what a command waits for --------------------------------------------------------------------------
 
-    async def ask(self, exchange: Exchange, hears: Callable[[float, MavlinkMessage], None]) -> None:
+    async def ask(self, exchange: VehicleExchange, hears: Callable[[float, MavlinkMessage], None]) -> None:
         """Carry an exchange out until it has an answer, whichever; `hears` is told of every message meanwhile."""
         self.hears = hears
         try:

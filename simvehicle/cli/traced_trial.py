@@ -26,7 +26,7 @@ def fly(
 ) -> None:
     """Fly it, show it, tell how it went. `TrialsError` names what cannot be."""
     from simvehicle.experiments import picture, traced_picture
-    from simvehicle.trials.tracing.swarm_flight import Vehicles
+    from simvehicle.trials.tracing.swarm_flight import TracingVehicles
     from simvehicle.trials.tracing.traced_world import TracedWorld, kernels_of
     from simvehicle.trials.trials_error import TrialsError
 
@@ -37,7 +37,7 @@ def fly(
         obstacle_m=3.0,
         strategies=(strategy,),
         robots=(robots,),
-        vehicles=Vehicles(range_m=1.0, limit_steps=steps),
+        vehicles=TracingVehicles(range_m=1.0, limit_steps=steps),
     )
     for problem in world.problems():
         raise TrialsError(problem)

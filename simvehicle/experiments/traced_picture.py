@@ -16,10 +16,10 @@ from matplotlib.patches import Polygon
 
 from mission.geometry.formation import FloatArray
 from simvehicle.trials.tracing.flying import ARRIVAL, CONTACT, NEVER
-from simvehicle.trials.tracing.swarm_flight import Flown, fly_trials
-from simvehicle.trials.tracing.traced_world import Air, TracedWorld, make_air, start_places
+from simvehicle.trials.tracing.swarm_flight import TracedFlights, fly_trials
+from simvehicle.trials.tracing.traced_world import TracedAir, TracedWorld, make_air, start_places
 from simvehicle.trials.trials_error import TrialsError
-from simvehicle.world.recorded_air import RecordingError
+from simvehicle.world.recorded_air import AirRecordingError
 
 _ARROWS: Final = 19
 """Along a side."""
@@ -38,8 +38,8 @@ class TracedTrial(NamedTuple):
     strategy: str
     seed: int
     trial: int
-    air: Air
-    flown: Flown
+    air: TracedAir
+    flown: TracedFlights
     every: int
     """Steps between two places of a track."""
 
@@ -71,7 +71,7 @@ def record(world: TracedWorld, strategy: str, robots: int, seed: int, trial: int
         raise TrialsError(problem)
     try:
         air = make_air(world, seed)
-    except RecordingError as error:
+    except AirRecordingError as error:
         raise TrialsError(str(error)) from error
     starts_m = start_places(world, air.place, seed, trial, robots)[None]
     every = max(1, world.vehicles.limit_steps // _SAMPLES)

@@ -16,7 +16,7 @@ Document: TypeAlias = dict[str, Any]
 """A scenario's file as plain data."""
 
 
-class Level(Protocol):
+class ScenarioLevel(Protocol):
     def draw(self, seed: int) -> Document:
         """The scenario of a seed: the same for the same seed."""
         ...
@@ -43,5 +43,5 @@ class AgentLevel:
         return fly_scenario(parse_scenario(text, file))
 
 
-LEVELS: Final[dict[str, Callable[[], Level]]] = {"agent": AgentLevel, "protocol": ProtocolLevel}
+LEVELS: Final[dict[str, Callable[[], ScenarioLevel]]] = {"agent": AgentLevel, "protocol": ProtocolLevel}
 """By the names of `simvehicle scenario search --level`."""

@@ -18,7 +18,7 @@ from flightstack.swarm.wire import Phase
 from mission.geometry.formation import Layout
 from mission.tree.balanced_tree import problems
 from simvehicle.survey.agent_faults import Freeze
-from simvehicle.survey.watch import Log, SlotMark, Standing
+from simvehicle.survey.watch import Log, SlotMark, WatchStanding
 
 Cause = Literal["killed", "frozen", "died", "crashed"]
 
@@ -114,7 +114,7 @@ def rejoins(log: Log, freezes: Iterable[Freeze]) -> tuple[Rejoin, ...]:
         own = [mark for mark in log.standings if mark.drone == drone]
         ends_s = [*(mark.time_s for mark in own[1:]), over_s]
         for before, mark, end_s in zip(own, own[1:], ends_s[1:], strict=False):
-            if before.standing is Standing.GONE and mark.standing is Standing.THERE:
+            if before.standing is WatchStanding.GONE and mark.standing is WatchStanding.THERE:
                 rejoin = _rejoin(log, drone, mark.time_s, min(end_s, over_s), woken_s.get(drone, math.inf))
                 found += [] if rejoin is None else [rejoin]
     return tuple(sorted(found, key=lambda one: (one.joined_at_s, one.drone)))
@@ -141,8 +141,8 @@ def _healing(log: Log, failure: Failure, failed: Sequence[Failure], layout: Layo
         for mark in log.standings
         if mark.drone == failure.drone and failure.at_s <= mark.time_s < failure.until_s
     ]
-    noticed_s = next((m.time_s for m in standings if m.standing is not Standing.THERE), None)
-    gone_s = next((m.time_s for m in standings if m.standing is Standing.GONE), None)
+    noticed_s = next((m.time_s for m in standings if m.standing is not WatchStanding.THERE), None)
+    gone_s = next((m.time_s for m in standings if m.standing is WatchStanding.GONE), None)
     if noticed_s is None:
         return unhealed
     noticed = msgspec.structs.replace(unhealed, noticed_after_s=noticed_s - failure.at_s)

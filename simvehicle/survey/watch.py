@@ -72,7 +72,7 @@ class SlotMark(msgspec.Struct, frozen=True):
     """It is on the way there."""
 
 
-class Standing(enum.StrEnum):
+class WatchStanding(enum.StrEnum):
     """What the swarm says of a member."""
 
     THERE = "there"
@@ -87,7 +87,7 @@ class StandingMark(msgspec.Struct, frozen=True):
 
     time_s: float
     drone: int
-    standing: Standing
+    standing: WatchStanding
 
 
 class OrderMark(msgspec.Struct, frozen=True):
@@ -262,16 +262,18 @@ class SurveyWatch:
         for drone in sorted(self._registers.keys() | {mark.drone for mark in self._standings}):
             register = self._registers.get(drone, MemberRegister())
             before = self._standing(drone)
-            standing = Standing.THERE
+            standing = WatchStanding.THERE
             if max(register.suspected, register.left) == register.life:
-                is_gone = before is Standing.GONE or (drone in table.absent and told.get(drone) == register)
-                standing = Standing.GONE if is_gone else Standing.DOUBTED
+                is_gone = before is WatchStanding.GONE or (
+                    drone in table.absent and told.get(drone) == register
+                )
+                standing = WatchStanding.GONE if is_gone else WatchStanding.DOUBTED
             if standing is not before:
                 self._standings.append(StandingMark(now_s, drone, standing))
 
-    def _standing(self, drone: int) -> Standing:
+    def _standing(self, drone: int) -> WatchStanding:
         marks = (mark.standing for mark in reversed(self._standings) if mark.drone == drone)
-        return next(marks, Standing.THERE)
+        return next(marks, WatchStanding.THERE)
 
     # -- what is known ----------------------------------------------------------------------------------------
 

@@ -34,7 +34,7 @@ _DISK_LEFT_BYTES = 1 << 30
 """A disk is not filled to the brim."""
 
 
-class RecordingError(ValueError):
+class AirRecordingError(ValueError):
     """Air that cannot be recorded; the message is one line for a person."""
 
 
@@ -59,7 +59,7 @@ class RecordedAir(NamedTuple):
     """(2,) of the area, to the north and to the east."""
 
 
-class Room(NamedTuple):
+class RecordingRoom(NamedTuple):
     """Where recorded air may go, and how much of it."""
 
     memory_bytes: int | None = None
@@ -79,7 +79,7 @@ def record_air(
     length_m: tuple[float, float] | None = None,
     begin_s: float = 0.0,
     above_home_m: float = 10.0,
-    room: Room | None = None,
+    room: RecordingRoom | None = None,
 ) -> RecordedAir:
     """The air of `config` with this seed from `begin_s` on, for `duration_s`, a frame every `frame_s`.
 
@@ -88,10 +88,10 @@ def record_air(
     gusts, has one frame. The gas has nodes every `spacing_m`, the wind those of its own grid, if it has one.
 
     `length_m`: of the area to the north and to the east of (0, 0); None: that of the wind's grid, which begins there.
-    `RecordingError`: a world that cannot be, or more than there is room for.
+    `AirRecordingError`: a world that cannot be, or more than there is room for.
     """
     for field, problem in problems(config):
-        raise RecordingError(f"{field}: {problem}")
+        raise AirRecordingError(f"{field}: {problem}")
     config = msgspec.structs.replace(config, seed=seed)
     area_m = _area_m(config) if length_m is None else length_m
     obstacles = Obstacles(config.obstacles)
@@ -104,7 +104,7 @@ def record_air(
         (frames if isinstance(gas, Filaments) else 1, *gas_nodes.shape),
         (1 if isinstance(wind, GustyWind) and wind.steady else frames, 2, *wind_nodes.shape),
     ]
-    gas_frames, wind_frames = _arrays(shapes, room or Room())
+    gas_frames, wind_frames = _arrays(shapes, room or RecordingRoom())
     _fill(gas, gas_nodes, wind, wind_nodes, begin_s, frame_s, above_home_m, gas_frames, wind_frames)
     places = gas_nodes.places_ned_m(above_home_m)
     return RecordedAir(
@@ -140,10 +140,10 @@ class _Nodes(NamedTuple):
 def _area_m(config: WorldConfig) -> tuple[float, float]:
     wind = config.wind
     if not isinstance(wind, GridWindConfig):
-        raise RecordingError("wind: without a grid it says nothing of the area to record; give its length")
+        raise AirRecordingError("wind: without a grid it says nothing of the area to record; give its length")
     half_m = 0.5 * wind.length_m
     if abs(wind.centre_north_m - half_m) > 1e-6 or abs(wind.centre_east_m - half_m) > 1e-6:
-        raise RecordingError(
+        raise AirRecordingError(
             f"wind.centre_north_m, centre_east_m: the recorded area begins at (0, 0); with a length_m of "
             f"{wind.length_m:g} m its centre is ({half_m:g}, {half_m:g})"
         )
@@ -199,7 +199,7 @@ def _fill(
 # -- room ------------------------------------------------------------------------------------------------------
 
 
-def _arrays(shapes: list[tuple[int, ...]], room: Room) -> list[NDArray[np.float32]]:
+def _arrays(shapes: list[tuple[int, ...]], room: RecordingRoom) -> list[NDArray[np.float32]]:
     """Empty arrays, in memory if there they fit."""
     needed = 4 * sum(math.prod(shape) for shape in shapes)
     memory = int(_MEMORY_SHARE * free_memory_bytes()) if room.memory_bytes is None else room.memory_bytes
@@ -209,16 +209,16 @@ def _arrays(shapes: list[tuple[int, ...]], room: Room) -> list[NDArray[np.float3
     where = f"{_size(needed)} of recorded air do not fit into {_size(memory)} of memory"
     mend = "record fewer frames or wider nodes"
     if needed > room.disk_bytes:
-        raise RecordingError(
+        raise AirRecordingError(
             f"{where}, and more than {_size(room.disk_bytes)} may not go to the disk; {mend}"
         )
     try:
         free = shutil.disk_usage(directory).free - _DISK_LEFT_BYTES
         if needed > free:
-            raise RecordingError(f"{where}, and {directory} has room for {_size(max(free, 0))}; {mend}")
+            raise AirRecordingError(f"{where}, and {directory} has room for {_size(max(free, 0))}; {mend}")
         return [_on_disk(shape, directory) for shape in shapes]
     except OSError as error:
-        raise RecordingError(
+        raise AirRecordingError(
             f"{where}, and {directory} does not take them: {error.strerror}; {mend}"
         ) from error
 

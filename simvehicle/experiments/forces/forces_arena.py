@@ -18,7 +18,7 @@ import numpy as np
 from mission.geometry.formation import FloatArray
 from mission.geometry.frames import Geodetic
 from mission.strategies.virtual_forces import VirtualForcesParameters
-from simvehicle.trials.tracing.swarm_flight import Place, Vehicles, make_place
+from simvehicle.trials.tracing.swarm_flight import TracedScene, TracingVehicles, make_place
 from simvehicle.trials.tracing.terrain import clearances_of
 from simvehicle.trials.trials_error import TrialsError
 from simvehicle.world.obstacles import Obstacles
@@ -59,7 +59,7 @@ class Arena(msgspec.Struct, frozen=True, kw_only=True):
     diffusivity_m2ps: float
     plume: FlatFilamentPlume
     """Of 1 g/s, in g/m3."""
-    vehicles: Vehicles
+    vehicles: TracingVehicles
     forces: VirtualForcesParameters
     frame_s: float
     spacing_m: float
@@ -94,7 +94,7 @@ ARENAS: dict[ArenaName, Arena] = {
             lifetime_s=60.0,
             step_s=0.1,
         ),
-        vehicles=Vehicles(
+        vehicles=TracingVehicles(
             step_s=0.1,
             speed_mps=0.2,
             radius_m=0.035,
@@ -146,7 +146,7 @@ ARENAS: dict[ArenaName, Arena] = {
             lifetime_s=300.0,
             step_s=0.2,
         ),
-        vehicles=Vehicles(
+        vehicles=TracingVehicles(
             step_s=0.2,
             speed_mps=0.5,
             radius_m=0.15,
@@ -191,7 +191,7 @@ class ForcesWorld(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     """Of `forces_flights.VARIANTS`."""
 
 
-def make_place_of(world: ForcesWorld, seed: int) -> Place:
+def make_place_of(world: ForcesWorld, seed: int) -> TracedScene:
     """The arena with the plume of 1 g/s: densities grow with the emission."""
     arena = ARENAS[world.arena]
     obstacles = _obstacles(world, np.random.default_rng([seed, world.number, _LAYOUT]))
@@ -224,7 +224,7 @@ def make_place_of(world: ForcesWorld, seed: int) -> Place:
     return make_place(air, np.array([arena.source_m]), Obstacles(obstacles))
 
 
-def start_places(world: ForcesWorld, place: Place, seed: int, trial: int, robots: int) -> FloatArray:
+def start_places(world: ForcesWorld, place: TracedScene, seed: int, trial: int, robots: int) -> FloatArray:
     """(robots, 2) at random in the arena's downwind end, the first where the plume is thickest there."""
     arena = ARENAS[world.arena]
     rng = np.random.default_rng([seed, world.number, _START, trial])
@@ -244,7 +244,7 @@ def start_places(world: ForcesWorld, place: Place, seed: int, trial: int, robots
     )
 
 
-def _thickest(place: Place, low: FloatArray, high: FloatArray, radius_m: float) -> FloatArray:
+def _thickest(place: TracedScene, low: FloatArray, high: FloatArray, radius_m: float) -> FloatArray:
     """The node between `low` and `high` with the most gas at time 0."""
     air = place.air
     rows, columns = np.meshgrid(*map(np.arange, air.gas.shape[1:]), indexing="ij")
@@ -255,7 +255,7 @@ def _thickest(place: Place, low: FloatArray, high: FloatArray, radius_m: float) 
     return np.asarray(nodes[free][np.argmax(gas[free])], np.float64)
 
 
-def obstacle_share(place: Place) -> float:
+def obstacle_share(place: TracedScene) -> float:
     """Share of the ground on which something stands."""
     return float(place.air.solid.mean())
 

@@ -33,7 +33,7 @@ from simvehicle.trials.tracing.flying import (
     NEVER,
     tracing_kernel,
 )
-from simvehicle.trials.tracing.swarm_flight import Place, fly_trials, make_place
+from simvehicle.trials.tracing.swarm_flight import TracedScene, fly_trials, make_place
 from simvehicle.world.recorded_air import RecordedAir
 
 TRACKER = "virtual-forces"
@@ -82,7 +82,7 @@ def fly_world(world: ForcesWorld, seed: int, first: int, count: int) -> pd.DataF
 def _fly(
     world: ForcesWorld,
     arena: Arena,
-    place: Place,
+    place: TracedScene,
     variant: str,
     starts: Sequence[FloatArray],
     seed: int,

@@ -31,7 +31,7 @@ from simvehicle.trials.tracing.lattice_flying import (
     fly_lattices,
     lattice_places,
 )
-from simvehicle.trials.tracing.swarm_flight import Place, Vehicles, make_place
+from simvehicle.trials.tracing.swarm_flight import TracedScene, TracingVehicles, make_place
 from simvehicle.trials.tracing.terrain import clearances_of
 from simvehicle.trials.tracing.traced_world import Regime, TracedWorld, make_air
 from simvehicle.trials.trials_error import TrialsError
@@ -81,7 +81,7 @@ def fly_world(world: LatticeWorld, seed: int, first: int, count: int) -> pd.Data
     if count == 0:
         _compile()
         return pd.DataFrame()
-    vehicles = Vehicles(limit_steps=world.limit_steps)
+    vehicles = TracingVehicles(limit_steps=world.limit_steps)
     air = make_air(_traced(world, vehicles), seed)
     source_m = air.place.sources.places_m[0, 0]
     centres_m = np.array([_centre(world, air.place, seed, trial) for trial in range(first, first + count)])
@@ -129,7 +129,7 @@ def fly_world(world: LatticeWorld, seed: int, first: int, count: int) -> pd.Data
     return pd.concat(frames, ignore_index=True)
 
 
-def _traced(world: LatticeWorld, vehicles: Vehicles) -> TracedWorld:
+def _traced(world: LatticeWorld, vehicles: TracingVehicles) -> TracedWorld:
     return TracedWorld(
         number=world.number,
         regime=world.regime,
@@ -146,7 +146,7 @@ def _traced(world: LatticeWorld, vehicles: Vehicles) -> TracedWorld:
     )
 
 
-def _centre(world: LatticeWorld, place: Place, seed: int, trial: int) -> FloatArray:
+def _centre(world: LatticeWorld, place: TracedScene, seed: int, trial: int) -> FloatArray:
     """Where a lattice starts: uniform over the world, or in distance and bearing from the source."""
     rng = np.random.default_rng([seed, world.number, _CENTRE, trial])
     source_m = place.sources.places_m[0, 0]
@@ -203,5 +203,5 @@ def _compile() -> None:
     )
     middle_m = np.full((1, 2), 0.5 * LENGTH_M)
     fly_lattice_trials(
-        make_place(air, middle_m), Vehicles(limit_steps=1), Tracing(tracer=CAST), middle_m, seed=0
+        make_place(air, middle_m), TracingVehicles(limit_steps=1), Tracing(tracer=CAST), middle_m, seed=0
     )

@@ -11,7 +11,7 @@ import msgspec
 from mission.strategies.registry import names
 from simvehicle.experiments.experiment import Experiment, Options
 from simvehicle.trials.cell import Cell
-from simvehicle.trials.tracing.swarm_flight import Vehicles
+from simvehicle.trials.tracing.swarm_flight import TracingVehicles
 from simvehicle.trials.tracing.traced_world import REGIMES, Regime, TracedWorld
 from simvehicle.trials.trials_error import TrialsError
 
@@ -97,10 +97,10 @@ _SIZES: dict[str, tuple[Size, Size, Size]] = {
 _SOURCE_MPS = 0.003
 _CONDITIONS: dict[str, dict[str, Any]] = {
     "plain": {},
-    "slow, noisy sensors": {"vehicles": Vehicles(range_m=1.0, lag_s=6.0, noise=1e-4, detection=3e-4)},
+    "slow, noisy sensors": {"vehicles": TracingVehicles(range_m=1.0, lag_s=6.0, noise=1e-4, detection=3e-4)},
     "two sources": {"sources": 2},
     "a moving source": {"source_mps": _SOURCE_MPS},
-    "half of the members lost": {"vehicles": Vehicles(range_m=1.0, loss_rate=1e-4)},
+    "half of the members lost": {"vehicles": TracingVehicles(range_m=1.0, loss_rate=1e-4)},
 }
 """What `tracing` changes of its worlds. A member of two is lost by the end of 7,000 steps; the source moves 25 m."""
 

@@ -34,7 +34,7 @@ from simvehicle.compiled import compiled, kernel, leaf
 from simvehicle.trials.randomness import DECISIONS, SENSOR, open_stream, uniform, uniform_at
 from simvehicle.trials.ticks.arrays import BitArray, Robots, new_robots
 from simvehicle.trials.tracing.flying import NEVER, Rules, permitted
-from simvehicle.trials.tracing.swarm_flight import Place, Vehicles, rules_of, start_problems
+from simvehicle.trials.tracing.swarm_flight import TracedScene, TracingVehicles, rules_of, start_problems
 from simvehicle.trials.tracing.terrain import Terrain
 from simvehicle.trials.trials_error import TrialsError
 from simvehicle.world.compiled_recorded import sample_gas, sample_wind
@@ -268,7 +268,7 @@ class LatticesFlown(NamedTuple):
     """(samples, vehicles, 2) of the last trial."""
 
 
-def lattice_numbers(place: Place, vehicles: Vehicles, tracing: Tracing) -> FloatArray:
+def lattice_numbers(place: TracedScene, vehicles: TracingVehicles, tracing: Tracing) -> FloatArray:
     """The rule's numbers: the lattice stays in the world with its vehicles."""
     numbers = np.zeros(LATTICE_NUMBERS)
     numbers[TRACER] = tracing.tracer
@@ -281,8 +281,8 @@ def lattice_numbers(place: Place, vehicles: Vehicles, tracing: Tracing) -> Float
 
 
 def fly_lattice_trials(
-    place: Place,
-    vehicles: Vehicles,
+    place: TracedScene,
+    vehicles: TracingVehicles,
     tracing: Tracing,
     centres_m: FloatArray,
     *,

@@ -33,7 +33,7 @@ from simvehicle.world.recorded_air import RecordedAir
 MOST_ROBOTS = 1000
 
 
-class Vehicles(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class TracingVehicles(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The disks that fly, their sensors, and how long. Defaults: the fluxotaxis paper's, study 2."""
 
     step_s: float = 1.2
@@ -85,7 +85,7 @@ class Vehicles(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         return found
 
 
-class Place(msgspec.Struct, frozen=True):
+class TracedScene(msgspec.Struct, frozen=True):
     """Where trials are flown."""
 
     air: RecordedAir
@@ -93,7 +93,7 @@ class Place(msgspec.Struct, frozen=True):
     sources: Sources
 
 
-class Flown(NamedTuple):
+class TracedFlights(NamedTuple):
     """The results of trials, a row each."""
 
     counts: IntArray
@@ -110,7 +110,7 @@ def make_place(
     sources_m: NDArray[np.float64],
     obstacles: Prisms | None = None,
     every_s: float | None = None,
-) -> Place:
+) -> TracedScene:
     """`sources_m`: (sources, 2) north and east, or (moments, sources, 2) of which each holds `every_s`.
 
     `ValueError`: a source outside the world or inside an obstacle.
@@ -127,12 +127,12 @@ def make_place(
     for number in np.flatnonzero(clearances_of(terrain, places.reshape(-1, 2)) < 0.0):
         source = places.reshape(-1, 2)[number]
         raise ValueError(f"the source at ({source[0]:g}, {source[1]:g}) m is inside an obstacle")
-    return Place(air, terrain, Sources(places, np.inf if every_s is None else every_s))
+    return TracedScene(air, terrain, Sources(places, np.inf if every_s is None else every_s))
 
 
 def fly_trials(
-    place: Place,
-    vehicles: Vehicles,
+    place: TracedScene,
+    vehicles: TracingVehicles,
     strategy: str,
     starts_m: FloatArray,
     *,
@@ -140,7 +140,7 @@ def fly_trials(
     first: int = 0,
     parameters: Mapping[str, float] | None = None,
     every: int = 0,
-) -> Flown:
+) -> TracedFlights:
     """Fly a trial for each row of `starts_m` (trials, robots, 2); with `every`, the last one's tracks at such steps.
 
     Trial `first` + k draws the same losses and sensor noise whatever the strategy. `TrialsError` names what is wrong
@@ -154,8 +154,8 @@ def fly_trials(
 
 
 def fly_rule(
-    place: Place,
-    vehicles: Vehicles,
+    place: TracedScene,
+    vehicles: TracingVehicles,
     rule: TickRule,
     starts_m: FloatArray,
     name: str,
@@ -163,7 +163,7 @@ def fly_rule(
     seed: int,
     first: int,
     every: int,
-) -> Flown:
+) -> TracedFlights:
     """`fly_trials` for a rule that has no name in the registry."""
     starts = np.ascontiguousarray(starts_m, np.float64)
     for problem in (*vehicles.problems(), *start_problems(place, vehicles, starts)):
@@ -197,10 +197,10 @@ def fly_rule(
             f"strategy {name}: its rule gave what is no velocity to robot {counts[row, FLAW] - 1} in step "
             f"{counts[row, STEPS] - 1} of trial {first + row}, seed {seed}"
         )
-    return Flown(counts, distances, tracks, parameters)
+    return TracedFlights(counts, distances, tracks, parameters)
 
 
-def start_problems(place: Place, vehicles: Vehicles, starts_m: FloatArray) -> list[str]:
+def start_problems(place: TracedScene, vehicles: TracingVehicles, starts_m: FloatArray) -> list[str]:
     """What is wrong with starting places (trials, robots, 2)."""
     if starts_m.ndim != 3 or starts_m.shape[2] != 2 or not 1 <= starts_m.shape[1] <= MOST_ROBOTS:
         return [f"starting places are (trials, 1 to {MOST_ROBOTS} robots, 2), not {starts_m.shape}"]
@@ -216,12 +216,12 @@ def start_problems(place: Place, vehicles: Vehicles, starts_m: FloatArray) -> li
     return []
 
 
-def seconds(steps: IntArray, vehicles: Vehicles) -> FloatArray:
+def seconds(steps: IntArray, vehicles: TracingVehicles) -> FloatArray:
     """Steps as seconds, NaN for NEVER."""
     return np.where(steps < NEVER, steps * vehicles.step_s, np.nan)
 
 
-def rules_of(vehicles: Vehicles, range_m: float) -> Rules:
+def rules_of(vehicles: TracingVehicles, range_m: float) -> Rules:
     return Rules(
         float(vehicles.step_s),
         float(vehicles.speed_mps),

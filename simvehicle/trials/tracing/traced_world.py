@@ -31,7 +31,13 @@ from simvehicle.trials.tracing.flying import (
     SOURCES,
     tracing_kernel,
 )
-from simvehicle.trials.tracing.swarm_flight import MOST_ROBOTS, Place, Vehicles, fly_trials, make_place
+from simvehicle.trials.tracing.swarm_flight import (
+    MOST_ROBOTS,
+    TracedScene,
+    TracingVehicles,
+    fly_trials,
+    make_place,
+)
 from simvehicle.trials.tracing.world_layout import (
     lattice_start,
     source_places,
@@ -40,7 +46,7 @@ from simvehicle.trials.tracing.world_layout import (
 )
 from simvehicle.trials.trials_error import TrialsError
 from simvehicle.world.obstacles import Obstacles
-from simvehicle.world.recorded_air import RecordedAir, RecordingError, record_air
+from simvehicle.world.recorded_air import AirRecordingError, RecordedAir, record_air
 from simvehicle.world.world_config import (
     FlatFilamentPlume,
     FlatFilamentSource,
@@ -79,7 +85,7 @@ class TracedWorld(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     """A source's speed, in a direction of its own."""
     start_m: float = 60.0
     """Swarms start anywhere up to this far from the first source."""
-    vehicles: Vehicles = Vehicles(range_m=1.0)
+    vehicles: TracingVehicles = TracingVehicles(range_m=1.0)
     puffs_per_step: float = 0.5
     frame_steps: int = 5
     """Steps for which the air is taken to stand still."""
@@ -116,10 +122,10 @@ class TracedWorld(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         return {name: value for owner, name, value in self.parameters if owner == strategy}
 
 
-class Air(NamedTuple):
+class TracedAir(NamedTuple):
     """A world that was made."""
 
-    place: Place
+    place: TracedScene
     obstacles: Obstacles
     statistics: dict[str, float]
 
@@ -136,7 +142,7 @@ def fly_world(world: TracedWorld, seed: int, first: int, count: int) -> pd.DataF
         return pd.DataFrame()
     try:
         air = make_air(world, seed)
-    except RecordingError as error:
+    except AirRecordingError as error:
         raise TrialsError(f"world {world.number}: {error}") from error
     frames = []
     most = max(world.robots)
@@ -184,7 +190,7 @@ def engine_of(worlds: Sequence[TracedWorld]) -> str:
     return engine_identity(*kernels, fly_world) + "-" + _digest(defaults)
 
 
-def make_air(world: TracedWorld, seed: int) -> Air:
+def make_air(world: TracedWorld, seed: int) -> TracedAir:
     """Wind, plume and obstacles of a world, the same for equal worlds and seeds."""
     rng = np.random.default_rng([seed, world.number, _LAYOUT])
     speed_mps = float(rng.uniform(_SLOWEST_MPS, _FASTEST_MPS))
@@ -238,12 +244,12 @@ def make_air(world: TracedWorld, seed: int) -> Air:
         np.arange(0.0, duration_s, frame_s)[:, None, None] if world.source_mps > 0.0 else np.zeros((1, 1, 1))
     )
     places_m = sources_m + moments * moving_mps
-    return Air(
+    return TracedAir(
         make_place(air, places_m, standing, frame_s), standing, plume_statistics(air, vehicles.detection)
     )
 
 
-def start_places(world: TracedWorld, place: Place, seed: int, trial: int, robots: int) -> FloatArray:
+def start_places(world: TracedWorld, place: TracedScene, seed: int, trial: int, robots: int) -> FloatArray:
     """(robots, 2) where a swarm starts, the same for every strategy; of fewer robots it is the first of them."""
     rng = np.random.default_rng([seed, world.number, _START, trial])
     source_m = place.sources.places_m[0, 0]
@@ -257,7 +263,7 @@ def _rows(
     strategy: str,
     robots: int,
     starts_m: FloatArray,
-    air: Air,
+    air: TracedAir,
     counts: np.ndarray,
     distances_m: FloatArray,
 ) -> pd.DataFrame:

@@ -18,7 +18,7 @@ from simvehicle.experiments.forces.forces_claims import judge
 from simvehicle.experiments.forces.forces_flights import engine_of, fly_world, parameters_of
 from simvehicle.experiments.forces.forces_paper import FORCES
 from simvehicle.experiments.page import write_report
-from simvehicle.trials.tracing.swarm_flight import Place, make_place
+from simvehicle.trials.tracing.swarm_flight import TracedScene, make_place
 from simvehicle.trials.trials_error import TrialsError
 from simvehicle.world.recorded_air import RecordedAir
 
@@ -70,7 +70,7 @@ def test_variants_differ_in_what_they_say_alone() -> None:
     assert upwind.items() <= tracker.items()
 
 
-def empty_place() -> Place:
+def empty_place() -> TracedScene:
     arena = ARENAS["small"]
     gas = np.zeros((1, 51, 76), np.float32)
     gas[0, 20, 65] = 1.0

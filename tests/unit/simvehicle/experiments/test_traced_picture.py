@@ -13,8 +13,8 @@ from PIL import Image
 from simvehicle.experiments import traced_picture
 from simvehicle.experiments.traced_picture import TracedTrial
 from simvehicle.trials.tracing.flying import COUNTS, DISTANCES, NEVER
-from simvehicle.trials.tracing.swarm_flight import Flown, Vehicles, make_place
-from simvehicle.trials.tracing.traced_world import Air, TracedWorld
+from simvehicle.trials.tracing.swarm_flight import TracedFlights, TracingVehicles, make_place
+from simvehicle.trials.tracing.traced_world import TracedAir, TracedWorld
 from simvehicle.world.obstacles import Obstacles
 from simvehicle.world.recorded_air import RecordedAir
 from simvehicle.world.world_config import RectangularObstacle
@@ -45,10 +45,10 @@ def trial(arrival: int = NEVER, contact: int = 40) -> TracedTrial:
     counts[0, traced_picture.ARRIVAL], counts[0, traced_picture.CONTACT] = arrival, contact
     tracks = np.linspace((1.0, 9.0), (5.0, 1.0), 20)[:, None, :] + np.array([[0.0, 0.0], [1.0, 0.0]])
     tracks[12:, 1] = np.nan  # the second robot is lost
-    world = TracedWorld(number=0, vehicles=Vehicles(limit_steps=100))
-    flown = Flown(counts, np.zeros((1, DISTANCES)), tracks, np.zeros(0))
+    world = TracedWorld(number=0, vehicles=TracingVehicles(limit_steps=100))
+    flown = TracedFlights(counts, np.zeros((1, DISTANCES)), tracks, np.zeros(0))
     place = make_place(air, np.array([[5.0, 0.5]]), standing)
-    return TracedTrial(world, "fluxotaxis", 3, 1, Air(place, standing, {}), flown, 5)
+    return TracedTrial(world, "fluxotaxis", 3, 1, TracedAir(place, standing, {}), flown, 5)
 
 
 def test_a_picture_has_plume_wind_obstacles_tracks_and_source() -> None:

@@ -15,7 +15,15 @@ from mission.strategies.contract import Order, Stage
 from mission.tree.slot_registers import configured
 from simvehicle.survey.agent_faults import Freeze
 from simvehicle.survey.healing import Failure, Healing, Rejoin, failures, healings, rejoins
-from simvehicle.survey.watch import Log, OrderMark, PhaseMark, SlotMark, Standing, StandingMark, SurveyWatch
+from simvehicle.survey.watch import (
+    Log,
+    OrderMark,
+    PhaseMark,
+    SlotMark,
+    StandingMark,
+    SurveyWatch,
+    WatchStanding,
+)
 
 LAYOUT = make_layout("hexagonal", 10.0)
 START = tuple(SlotMark(0.0, drone, drone - 1, False) for drone in range(1, 10))
@@ -23,7 +31,9 @@ START = tuple(SlotMark(0.0, drone, drone - 1, False) for drone in range(1, 10))
 
 
 def standing(drone: int, doubted_s: float, gone_s: float) -> tuple[StandingMark, ...]:
-    return StandingMark(doubted_s, drone, Standing.DOUBTED), StandingMark(gone_s, drone, Standing.GONE)
+    return StandingMark(doubted_s, drone, WatchStanding.DOUBTED), StandingMark(
+        gone_s, drone, WatchStanding.GONE
+    )
 
 
 def healed(log: Log, *failed: Failure) -> list[tuple[float | None, float | None, float | None]]:
@@ -97,7 +107,7 @@ def test_every_kind_of_loss_in_order() -> None:
 
 
 def test_who_comes_back_takes_a_slot_and_flies_there() -> None:
-    back = StandingMark(131.0, 6, Standing.THERE)
+    back = StandingMark(131.0, 6, WatchStanding.THERE)
     slots = (
         *START,
         SlotMark(130.5, 6, None, False),
@@ -110,7 +120,7 @@ def test_who_comes_back_takes_a_slot_and_flies_there() -> None:
 
 
 def test_who_was_counted_out_and_kept_its_slot_is_back_at_once() -> None:
-    log = Log(slots=START, standings=(*standing(9, 91.0, 91.5), StandingMark(95.0, 9, Standing.THERE)))
+    log = Log(slots=START, standings=(*standing(9, 91.0, 91.5), StandingMark(95.0, 9, WatchStanding.THERE)))
     assert rejoins(log, ()) == (Rejoin(9, 8, None, 95.0, 95.0),)
 
 
@@ -126,25 +136,25 @@ def test_who_wakes_and_leaves_at_once_is_back_when_it_comes_back() -> None:
     )
     standings = (
         *standing(6, 91.0, 91.5),
-        StandingMark(130.4, 6, Standing.THERE),
-        StandingMark(130.5, 6, Standing.GONE),
-        StandingMark(147.3, 6, Standing.THERE),
+        StandingMark(130.4, 6, WatchStanding.THERE),
+        StandingMark(130.5, 6, WatchStanding.GONE),
+        StandingMark(147.3, 6, WatchStanding.THERE),
     )
     assert rejoins(Log(slots=slots, standings=standings), ()) == (Rejoin(6, 5, None, 147.4, 157.0),)
 
 
 def test_who_is_counted_in_again_when_the_survey_is_over_has_not_rejoined() -> None:
     orders = (OrderMark(100.0, Order(9, Stage.FOUND, (0.0, 0.0, -10.0), 0.0)),)
-    standings = (*standing(9, 99.0, 99.5), StandingMark(100.1, 9, Standing.THERE))
+    standings = (*standing(9, 99.0, 99.5), StandingMark(100.1, 9, WatchStanding.THERE))
     assert rejoins(Log(slots=START, standings=standings, orders=orders), ()) == ()
 
 
 def test_a_doubt_that_is_refuted_is_no_return() -> None:
-    doubted = StandingMark(91.0, 6, Standing.DOUBTED), StandingMark(91.4, 6, Standing.THERE)
+    doubted = StandingMark(91.0, 6, WatchStanding.DOUBTED), StandingMark(91.4, 6, WatchStanding.THERE)
     assert rejoins(Log(slots=START, standings=doubted), ()) == ()
     gone_home = Log(
         slots=(*START, SlotMark(90.0, 6, None, False)),
-        standings=(*standing(6, 91.0, 91.5), StandingMark(95.0, 6, Standing.THERE)),
+        standings=(*standing(6, 91.0, 91.5), StandingMark(95.0, 6, WatchStanding.THERE)),
     )
     assert rejoins(gone_home, ()) == (), "it takes part in nothing"
 

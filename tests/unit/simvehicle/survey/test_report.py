@@ -27,9 +27,9 @@ from simvehicle.survey.watch import (
     OrderMark,
     PhaseMark,
     SlotMark,
-    Standing,
     StandingMark,
     TreeMark,
+    WatchStanding,
 )
 from simvehicle.world.configured import make_world
 
@@ -121,8 +121,8 @@ def flight(survey: Survey, end_s: float = 420.0) -> tuple[dict[int, VehicleTrack
     )
     slots = [SlotMark(-3.0, d.id, i, False) for i, d in enumerate(survey.drones)]
     standings = (
-        StandingMark(KILL_S + 0.9, 3, Standing.DOUBTED),
-        StandingMark(KILL_S + 1.5, 3, Standing.GONE),
+        StandingMark(KILL_S + 0.9, 3, WatchStanding.DOUBTED),
+        StandingMark(KILL_S + 1.5, 3, WatchStanding.GONE),
     )
     return tracks, Log(phases, events, trees, tuple(orders), 1, 20_000, 11, tuple(slots), standings)
 

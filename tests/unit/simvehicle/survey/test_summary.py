@@ -24,7 +24,7 @@ from simvehicle.survey import summary
 from simvehicle.survey.agent_faults import Freeze
 from simvehicle.survey.conduct import words
 from simvehicle.survey.healing import Healing, Rejoin
-from simvehicle.survey.watch import EventMark, Log, OrderMark, SlotMark, Standing, StandingMark
+from simvehicle.survey.watch import EventMark, Log, OrderMark, SlotMark, StandingMark, WatchStanding
 from simvehicle.world.world_config import RectangularObstacle
 
 ORIGIN = Geodetic(38.4, 14.96, 300.0)
@@ -258,9 +258,9 @@ def test_who_comes_down_away_from_home_is_told() -> None:
 def test_how_long_healing_took_and_who_came_back_is_told() -> None:
     slots = (SlotMark(0.0, 1, 0, False), SlotMark(0.0, 2, 1, False))
     standings = (
-        StandingMark(20.94, 2, Standing.DOUBTED),
-        StandingMark(21.5, 2, Standing.GONE),
-        StandingMark(31.0, 2, Standing.THERE),
+        StandingMark(20.94, 2, WatchStanding.DOUBTED),
+        StandingMark(21.5, 2, WatchStanding.GONE),
+        StandingMark(31.0, 2, WatchStanding.THERE),
     )
     got = summarise(
         {1: track(1, 0.0), 2: track(2, 9.0)},

@@ -19,18 +19,18 @@ from simvehicle.trials.tracing.lattice_flying import (
     Tracing,
     fly_lattice_trials,
 )
-from simvehicle.trials.tracing.swarm_flight import Place, Vehicles, make_place
+from simvehicle.trials.tracing.swarm_flight import TracedScene, TracingVehicles, make_place
 from simvehicle.trials.trials_error import TrialsError
 from simvehicle.world.obstacles import Obstacles
 from simvehicle.world.recorded_air import RecordedAir
 from simvehicle.world.world_config import RectangularObstacle
 
 LENGTH_M, SOURCE_M = 20.0, (14.0, 10.0)
-VEHICLES = Vehicles(limit_steps=1500)
+VEHICLES = TracingVehicles(limit_steps=1500)
 ROCK = RectangularObstacle(centre_north_m=9.0, centre_east_m=10.0, length_north_m=1.5, length_east_m=1.5)
 
 
-def place(*, rock: bool = False) -> Place:
+def place(*, rock: bool = False) -> TracedScene:
     """A steady plume with the wind from the north."""
     nodes = np.linspace(0.0, LENGTH_M, 81)
     north, east = np.meshgrid(nodes, nodes, indexing="ij")

@@ -12,7 +12,7 @@ import pytest
 from simvehicle import code_identity
 from simvehicle.compiled import called_by_leaves
 from simvehicle.trials.tracing.air_statistics import plume_statistics
-from simvehicle.trials.tracing.swarm_flight import Vehicles
+from simvehicle.trials.tracing.swarm_flight import TracingVehicles
 from simvehicle.trials.tracing.traced_world import (
     TracedWorld,
     engine_of,
@@ -32,7 +32,7 @@ SMALL = TracedWorld(
     start_m=8.0,
     head_start_s=6.0,
     spacing_m=1.0,
-    vehicles=Vehicles(limit_steps=20, range_m=1.0),
+    vehicles=TracingVehicles(limit_steps=20, range_m=1.0),
 )
 
 
@@ -132,7 +132,7 @@ def test_an_engine_is_the_same_whatever_else_a_process_has_compiled() -> None:
         ({"strategies": ("no-such",)}, "no strategy is called 'no-such'"),
         ({"regime": "calm"}, "no regime is called 'calm'; there are laminar, transitional, turbulent"),
         ({"robots": (0,)}, "a swarm has 1 to 1000 robots, not 0"),
-        ({"vehicles": Vehicles(step_s=9.0)}, "longer than a vehicle"),
+        ({"vehicles": TracingVehicles(step_s=9.0)}, "longer than a vehicle"),
         ({"obstacles": 400}, "no room for 400 obstacles of 1.5 m"),
         ({"robots": (900,)}, "no room for 900 robots"),
     ],

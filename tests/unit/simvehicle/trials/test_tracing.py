@@ -24,9 +24,9 @@ from simvehicle.trials.tracing.flying import (
     STEPS,
 )
 from simvehicle.trials.tracing.swarm_flight import (
-    Flown,
-    Place,
-    Vehicles,
+    TracedFlights,
+    TracedScene,
+    TracingVehicles,
     fly_rule,
     fly_trials,
     make_place,
@@ -114,14 +114,21 @@ def listening(
 
 
 def fly(
-    rule: Any, place: Place, vehicles: Vehicles, starts_m: Any, *, seed: int = 1, beams: int = 0, **more: Any
-) -> Flown:
+    rule: Any,
+    place: TracedScene,
+    vehicles: TracingVehicles,
+    starts_m: Any,
+    *,
+    seed: int = 1,
+    beams: int = 0,
+    **more: Any,
+) -> TracedFlights:
     ticks = TickRule(rule=rule, parameters=NoParameters, range_m=1.0, state_size=1, word_size=1, beams=beams)
     parameters = numbers(NoParameters(**more))
     return fly_rule(place, vehicles, ticks, np.array(starts_m), rule.__name__, parameters, seed, 0, 1)
 
 
-def spread(rng: np.random.Generator, robots: int, vehicles: Vehicles) -> FloatArray:
+def spread(rng: np.random.Generator, robots: int, vehicles: TracingVehicles) -> FloatArray:
     """Places at random, free and apart."""
     found: list[FloatArray] = []
     while len(found) < robots:
@@ -143,7 +150,7 @@ def spread(rng: np.random.Generator, robots: int, vehicles: Vehicles) -> FloatAr
 def test_nobody_leaves_the_world_enters_an_obstacle_or_touches_another(
     seed: int, robots: int, radius_m: float, share: float, avoidance_m: float
 ) -> None:
-    vehicles = Vehicles(
+    vehicles = TracingVehicles(
         radius_m=radius_m,
         step_s=1.0,
         speed_mps=2.0 * radius_m * share,
@@ -168,7 +175,7 @@ def test_nobody_leaves_the_world_enters_an_obstacle_or_touches_another(
 
 
 def test_arrival_localisation_and_contact_are_counted_from_the_first_step() -> None:
-    vehicles = Vehicles(step_s=1.0, limit_steps=60, radius_m=0.05, avoidance_m=0.0)
+    vehicles = TracingVehicles(step_s=1.0, limit_steps=60, radius_m=0.05, avoidance_m=0.0)
     place = make_place(still_air(gas=1.0), SOURCE_M)
     # 0.1 m a step to the north: within 1 m of the source from step 20 on, beyond it from step 40 on.
     flown = fly(steady, place, vehicles, [[[3.05, 6.0]]])
@@ -190,7 +197,7 @@ def test_arrival_localisation_and_contact_are_counted_from_the_first_step() -> N
 
 
 def test_a_source_that_moves_is_met_where_it_is_then() -> None:
-    vehicles = Vehicles(step_s=1.0, limit_steps=30, radius_m=0.05)
+    vehicles = TracingVehicles(step_s=1.0, limit_steps=30, radius_m=0.05)
     moving = np.array([[[9.0, 1.0], [1.0, 1.0]], [[6.0, 6.0], [1.0, 1.0]]])
     place = make_place(still_air(), moving, every_s=10.0)
     counts = fly(steady, place, vehicles, [[[6.0, 5.0], [1.0, 2.0]]], heading_rad=math.pi / 2.0).counts[0]
@@ -203,17 +210,17 @@ def test_a_source_that_moves_is_met_where_it_is_then() -> None:
 def test_readings_have_a_threshold_a_lag_and_noise() -> None:
     starts = [[[2.0, 2.0]]]
     place = make_place(still_air(gas=0.5), SOURCE_M)
-    vehicles = Vehicles(step_s=1.0, limit_steps=2, detection=0.4)
+    vehicles = TracingVehicles(step_s=1.0, limit_steps=2, detection=0.4)
     assert fly(listening, place, vehicles, starts, beams=4).tracks_m[1, 0, 0] == pytest.approx(2.005)
     deaf = msgspec.structs.replace(vehicles, detection=0.5)
     assert fly(listening, place, deaf, starts, beams=4).tracks_m[1, 0, 0] == 2.0
     rising = still_air(gas=0.0, frames=3)
     rising.gas[1:] = 1.0
-    lagging = Vehicles(step_s=1.0, limit_steps=3, lag_s=2.0, detection=0.0)
+    lagging = TracingVehicles(step_s=1.0, limit_steps=3, lag_s=2.0, detection=0.0)
     track = fly(listening, make_place(rising, SOURCE_M), lagging, starts, beams=4).tracks_m[:, 0, 0]
     assert track[1] == 2.0
     assert track[2] - track[1] == pytest.approx(0.01 * (1.0 - math.exp(-0.5)))
-    noisy = Vehicles(step_s=1.0, limit_steps=2000, noise=0.1, detection=0.0, speed_mps=0.1)
+    noisy = TracingVehicles(step_s=1.0, limit_steps=2000, noise=0.1, detection=0.0, speed_mps=0.1)
     steps = np.diff(fly(listening, place, noisy, [[[1.0, 11.0]]], beams=4).tracks_m[:1500, 0, 0]) / 0.01
     moved = steps[steps != 0.0]  # what is below the threshold counts as no gas
     assert np.mean(moved) == pytest.approx(0.5, abs=0.02)
@@ -222,7 +229,7 @@ def test_readings_have_a_threshold_a_lag_and_noise() -> None:
 
 def test_range_sensors_see_walls_and_obstacles_within_reach() -> None:
     place = make_place(still_air(), SOURCE_M, ROCKS)
-    vehicles = Vehicles(step_s=1.0, limit_steps=2, reach_m=1.0)
+    vehicles = TracingVehicles(step_s=1.0, limit_steps=2, reach_m=1.0)
     moved = [
         fly(listening, place, vehicles, [[[north, east]]], beams=4).tracks_m[1, 0, 0] - north
         for north, east in ((11.2, 2.0), (1.5, 3.0), (1.1, 3.0), (6.0, 8.0))
@@ -233,7 +240,7 @@ def test_range_sensors_see_walls_and_obstacles_within_reach() -> None:
 def test_a_shorter_range_shows_fewer_neighbours() -> None:
     place = make_place(still_air(), SOURCE_M)
     starts = np.array([[[5.0, 5.0], [5.0, 5.5], [5.0, 5.95]]])
-    vehicles = Vehicles(step_s=1.0, limit_steps=2, avoidance_m=0.0)
+    vehicles = TracingVehicles(step_s=1.0, limit_steps=2, avoidance_m=0.0)
     far = fly(listening, place, vehicles, starts, beams=4)
     near = fly(listening, place, msgspec.structs.replace(vehicles, range_m=0.5), starts, beams=4)
     assert far.tracks_m[1, :, 1] - starts[0, :, 1] == pytest.approx([0.02, 0.02, 0.02])
@@ -241,7 +248,7 @@ def test_a_shorter_range_shows_fewer_neighbours() -> None:
 
 
 def test_members_are_lost_at_their_rate_the_same_ones_for_every_rule() -> None:
-    vehicles = Vehicles(step_s=1.0, limit_steps=100, loss_rate=0.01)
+    vehicles = TracingVehicles(step_s=1.0, limit_steps=100, loss_rate=0.01)
     place = make_place(still_air(), SOURCE_M)
     starts = np.stack(np.meshgrid(np.arange(1.0, 11.0), np.arange(1.0, 11.0)), -1).reshape(1, -1, 2)
     one = fly(steady, place, vehicles, starts)
@@ -255,7 +262,7 @@ def test_members_are_lost_at_their_rate_the_same_ones_for_every_rule() -> None:
 
 def test_trials_are_the_same_however_they_are_split() -> None:
     place = make_place(still_air(), SOURCE_M, ROCKS)
-    vehicles = Vehicles(limit_steps=40, loss_rate=0.001, noise=0.1)
+    vehicles = TracingVehicles(limit_steps=40, loss_rate=0.001, noise=0.1)
     rng = np.random.default_rng(3)
     starts = np.stack([spread(rng, 9, vehicles) for _ in range(4)])
     whole = fly_trials(place, vehicles, "casting", starts, seed=5, first=0)
@@ -282,15 +289,15 @@ def test_trials_are_the_same_however_they_are_split() -> None:
 def test_what_cannot_be_flown_is_refused_in_one_line(changes: Any, starts: Any, words: str) -> None:
     place = make_place(still_air(), SOURCE_M, ROCKS)
     with pytest.raises(TrialsError, match=words):
-        fly(steady, place, Vehicles(**changes), starts)
+        fly(steady, place, TracingVehicles(**changes), starts)
 
 
 def test_a_rule_that_gives_no_velocity_is_named() -> None:
     place = make_place(still_air(), SOURCE_M)
     with pytest.raises(TrialsError, match=r"strategy steady: .* robot 0 in step 0 of trial 0, seed 1"):
-        fly(steady, place, Vehicles(limit_steps=10), [[[1.0, 1.0]]], heading_rad=math.nan)
+        fly(steady, place, TracingVehicles(limit_steps=10), [[[1.0, 1.0]]], heading_rad=math.nan)
     with pytest.raises(TrialsError, match="strategy locus is no rule of ticks"):
-        fly_trials(place, Vehicles(), "locus", np.array([[[1.0, 1.0]]]), seed=1)
+        fly_trials(place, TracingVehicles(), "locus", np.array([[[1.0, 1.0]]]), seed=1)
 
 
 def test_a_source_must_be_somewhere() -> None:

@@ -19,7 +19,13 @@ from simvehicle.world.compiled_recorded import sample_gas, sample_wind
 from simvehicle.world.configured import make_world
 from simvehicle.world.filaments import Filaments
 from simvehicle.world.gas_formulas import puff_strength_ppm_m3
-from simvehicle.world.recorded_air import RecordedAir, RecordingError, Room, free_memory_bytes, record_air
+from simvehicle.world.recorded_air import (
+    AirRecordingError,
+    RecordedAir,
+    RecordingRoom,
+    free_memory_bytes,
+    record_air,
+)
 from simvehicle.world.world_config import (
     FilamentPlume,
     FilamentSource,
@@ -207,7 +213,7 @@ def test_other_gases_and_winds_are_recorded_too(plume: Any) -> None:
 def test_what_does_not_fit_into_memory_goes_to_the_disk(tmp_path: pathlib.Path) -> None:
     """The same numbers, read by the same machine code, and nothing is left behind."""
     air = AIR["flat"]
-    on_disk = recorded(config(), room=Room(memory_bytes=1000, directory=tmp_path))
+    on_disk = recorded(config(), room=RecordingRoom(memory_bytes=1000, directory=tmp_path))
     assert np.array_equal(air.gas, on_disk.gas)
     assert np.array_equal(air.wind_mps, on_disk.wind_mps)
     for time_s in (0.0, 5.0):
@@ -220,15 +226,15 @@ def test_what_fits_nowhere_is_refused_before_it_begins(
     tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with pytest.raises(
-        RecordingError, match=r"0.000139 GB of recorded air do not fit into 1e-06 GB of memory, and more"
+        AirRecordingError, match=r"0.000139 GB of recorded air do not fit into 1e-06 GB of memory, and more"
     ):
-        recorded(config(), room=Room(memory_bytes=1000, disk_bytes=2000))
+        recorded(config(), room=RecordingRoom(memory_bytes=1000, disk_bytes=2000))
     monkeypatch.setattr(recorded_air, "_DISK_LEFT_BYTES", 1 << 60)
-    with pytest.raises(RecordingError, match=f"and {tmp_path} has room for 0 GB; record fewer frames"):
-        recorded(config(), room=Room(memory_bytes=1000, directory=tmp_path))
+    with pytest.raises(AirRecordingError, match=f"and {tmp_path} has room for 0 GB; record fewer frames"):
+        recorded(config(), room=RecordingRoom(memory_bytes=1000, directory=tmp_path))
     monkeypatch.undo()
-    with pytest.raises(RecordingError, match="nowhere does not take them: No such file or directory"):
-        recorded(config(), room=Room(memory_bytes=1000, directory=tmp_path / "nowhere"))
+    with pytest.raises(AirRecordingError, match="nowhere does not take them: No such file or directory"):
+        recorded(config(), room=RecordingRoom(memory_bytes=1000, directory=tmp_path / "nowhere"))
     assert free_memory_bytes() > 1 << 24
 
 
@@ -242,5 +248,5 @@ def test_what_fits_nowhere_is_refused_before_it_begins(
 )  # fmt: skip
 def test_worlds_that_cannot_be_recorded(changes: dict[str, Any], problem: str) -> None:
     values = changes if "wind" not in changes else changes | {"plume": None, "obstacles": ()}
-    with pytest.raises(RecordingError, match=problem):
+    with pytest.raises(AirRecordingError, match=problem):
         recorded(config(**values))
