@@ -24,6 +24,7 @@ import msgspec
 from flightstack.swarm.membership import Membership
 from flightstack.swarm.news import TreeNews
 from flightstack.swarm.orders import Orders, stopped_anchor
+from flightstack.swarm.overdue_heirs import OverdueHeirs
 from flightstack.swarm.peers import PeerFacts
 from flightstack.swarm.reading_relay import ReadingRelay
 from flightstack.swarm.survey_choice import SurveyChoice
@@ -39,7 +40,6 @@ from mission.tree.slot_registers import (
     Registers,
     SlotRegister,
     assignment,
-    awaited_heirs,
     configured,
     digest,
     is_settled,
@@ -48,9 +48,6 @@ from mission.tree.slot_registers import (
     within_stride,
 )
 from mission.tree.watching import watched
-
-CLAIM_S: Final = 3.0
-"""How long an heir may leave a hole above it open before it is passed over."""
 
 POSITION_S: Final = 2.0
 """A position this young tells where a drone stopped."""
@@ -101,7 +98,7 @@ class SwarmTable:
         self._held: int | None = None
         self._calm = TableCalm()
         self._family: Place | None = None
-        self._awaited_since_s: dict[int, float] = {}
+        self._heirs = OverdueHeirs(self._drone, self._table)
         self._is_whole = False
         self._nothing_for: tuple[Registers, frozenset[int], tuple[frozenset[int], int, int | None]] | None = (
             None
@@ -243,25 +240,13 @@ class SwarmTable:
         placed = self._placed
         if placed is not None and placed[0] is registers and placed[1] is slots and placed[2] == healing:
             return placed[3]
-        known = self._new_place(healing=healing)
+        known = TreePlace(self.epoch, -1, dict(slots), None, (), None, None, -1, False)
+        if self.member:
+            f = self._relations()
+            relations = f.parent, f.children, f.heir, f.parent_heir, f.root
+            known = TreePlace(self.epoch, slots[self._drone], dict(slots), *relations, healing)
         self._placed = registers, slots, healing, known
         return known
-
-    def _new_place(self, *, healing: bool) -> TreePlace:
-        if not self.member:
-            return TreePlace(self.epoch, -1, dict(self.slots), None, (), None, None, -1, False)
-        family = self._relations()
-        return TreePlace(
-            self.epoch,
-            self.slots[self._drone],
-            dict(self.slots),
-            family.parent,
-            family.children,
-            family.heir,
-            family.parent_heir,
-            family.root,
-            healing,
-        )
 
     def message(self) -> TableState:
         self._told += 1
@@ -375,13 +360,16 @@ class SwarmTable:
             self._family = None
         self._calm.settle(is_settled(self.registers, self._membership.present, self._table))
         if self._calm.is_settled:
-            self._awaited_since_s = {}
+            self._heirs.forget()
 
     def _claim(self, now_s: float) -> None:
         present = self._membership.present
         if self._drone in present and self._is_whole and not self._calm.is_unchanged(now_s):
             return
-        passed, support = self._passed_over(now_s, present), self._membership.support
+        passed: frozenset[int] = frozenset()
+        if not self._calm.is_settled:
+            passed = self._heirs.passed_over(now_s, self.registers, present)
+        support = self._membership.support
         known = passed, support, self._held
         if self._nothing_for is not None:
             registers, others, rest = self._nothing_for
@@ -394,22 +382,6 @@ class SwarmTable:
         else:
             self._nothing_for = self.registers, present, known
         self._held = self.slots.get(self._drone, self._held)
-
-    def _passed_over(self, now_s: float, present: frozenset[int]) -> frozenset[int]:
-        """Who counts as not there, for this drone's own claims: who lets a hole be that it is the heir of, then
-        whoever is the heir without it, and so on. It is heard, so it is not lost, but something in it does not
-        work."""
-        passed: frozenset[int] = frozenset()
-        since_s: dict[int, float] = {}
-        while not self._calm.is_settled:
-            awaited = awaited_heirs(self.registers, present - passed, self._table) - {self._drone}
-            since_s.update({drone: self._awaited_since_s.get(drone, now_s) for drone in awaited})
-            overdue = {drone for drone in awaited if now_s - since_s[drone] > CLAIM_S}
-            if not overdue:
-                break
-            passed |= overdue
-        self._awaited_since_s = since_s
-        return passed
 
     def _count_heals(self, now_s: float) -> None:
         if not self.member or self.is_over:

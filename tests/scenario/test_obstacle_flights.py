@@ -93,7 +93,7 @@ def test_tracing_swarms_find_the_vent_between_rocks(name: str, killed: int | Non
 
     flight.tap = tap
     if killed is not None:
-        flight.run(45.0)
+        flight.run(70.0)
         flight.kill(killed)
     assert_found(flight, 15.0, 1.5, 1500.0)
     assert least_m > 0.0

@@ -70,10 +70,19 @@ def test_mobs_drones_end_where_the_best_reading_stood_longest() -> None:
     assert_ends(begun("survey_mobs"), 25.0)
 
 
-@pytest.mark.parametrize("name", ["survey", "survey_hybrid", "survey_multi", "survey_mobs"])
-def test_every_example_is_a_survey_that_can_be_planned(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "strategy"),
+    [
+        ("survey", "locus"),
+        ("survey_hybrid", "locus-hybrid"),
+        ("survey_multi", "locus-multi"),
+        ("survey_mobs", "mobs"),
+        ("survey_fluxotaxis", "fluxotaxis"),
+        ("survey_virtual_forces", "virtual-forces"),
+    ],
+)
+def test_every_example_is_a_survey_that_can_be_planned(name: str, strategy: str) -> None:
     survey = load(EXAMPLES / f"{name}.yaml")
+    assert survey.warnings == ()
     drafted = draft(survey, in_process(survey))
-    assert {config.strategy.name for config in drafted.drones} == {
-        {"survey": "locus", "survey_mobs": "mobs"}.get(name, name.replace("survey_", "locus-"))
-    }
+    assert {config.strategy.name for config in drafted.drones} == {strategy}

@@ -172,6 +172,17 @@ def test_a_state_that_does_not_take_part_announces_departure() -> None:
     assert ears.lost == []
 
 
+def test_what_a_drone_said_before_its_return_was_told_does_not_send_it_away_again() -> None:
+    ears = Ears(4)
+    ears.run(1.0, (1, 2, 3))
+    ears.run(TICK_S, {2: facts(0.0, taking_part=False)})
+    ears.knows.merge({2: MemberRegister(1, NEVER, 0)})
+    ears.run(TICK_S, (1, 3))
+    assert ears.knows.standing(2) is Standing.ALIVE
+    ears.run(TICK_S, {2: facts(0.0, taking_part=False)})
+    assert ears.knows.standing(2) is Standing.LEFT
+
+
 def test_one_that_has_not_armed_yet_is_waited_for_but_not_for_ever() -> None:
     ears = Ears(4)
     waiting = {1: facts(0.0), 2: facts(0.0, taking_part=False), 3: facts(0.0)}
