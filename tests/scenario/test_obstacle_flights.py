@@ -75,7 +75,7 @@ def test_a_rock_that_nobody_knew_is_seen_and_gone_around_and_the_flight_replays(
 
 
 @pytest.mark.parametrize("killed", [None, 3])
-@pytest.mark.parametrize("name", ["fluxotaxis", "virtual_forces"])
+@pytest.mark.parametrize("name", ["fluxotaxis", "virtual_forces", "infotaxis"])
 @pytest.mark.long
 def test_tracing_swarms_find_the_vent_between_rocks(name: str, killed: int | None) -> None:
     """The surveys of `examples/` as they stand there, whole and with an agent that dies on the way."""

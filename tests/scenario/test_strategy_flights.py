@@ -79,6 +79,7 @@ def test_mobs_drones_end_where_the_best_reading_stood_longest() -> None:
         ("survey_mobs", "mobs"),
         ("survey_fluxotaxis", "fluxotaxis"),
         ("survey_virtual_forces", "virtual-forces"),
+        ("survey_infotaxis", "cooperative-infotaxis"),
     ],
 )
 def test_every_example_is_a_survey_that_can_be_planned(name: str, strategy: str) -> None:
