@@ -44,9 +44,9 @@ class DeclarationParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=T
     declared_sd_m: Annotated[float, Meta(gt=0.0)] = 5.0
     """The source counts as found while the standard deviation of its place is no larger than this, along the axis on
     which it is known worst, ..."""
-    declared_for_s: Annotated[float, Meta(ge=0.0)] = 10.0
+    declared_for_s: Annotated[float, Meta(ge=0.0)] = 60.0
     """... for so long, ..."""
-    declared_contacts: Annotated[int, Meta(ge=1)] = 5
+    declared_contacts: Annotated[int, Meta(ge=1)] = 25
     """... and gas was met in so many places of 4 m."""
     declared_least_ppm: Annotated[float, Meta(gt=2.0, lt=50_000.0)] = 100.0
     """What has less excess at its vent is no source that is looked for."""

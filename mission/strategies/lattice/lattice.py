@@ -219,11 +219,13 @@ class Lattice:
             if reading.excess_co2_ppm > 0.0 and self._beats(reading, best):
                 best, since = reading, 0
         order = msgspec.structs.replace(order, sequence=order.sequence + 1)
-        if best is not None and since >= self._p.patience:
+        wind = tuple(np.mean(winds, axis=0).tolist())
+        blowing = math.hypot(*wind) >= _CALM_MPS
+        # Without a wind those that go by it only cast: their best reading is where they happened to be.
+        has_climbed = blowing or self.tracer not in _BY_WIND
+        if best is not None and since >= self._p.patience and has_climbed:
             known = [one for one in self._window.values() if math.isfinite(one.variance_ppm2)]
             known += [] if best in known else [best]
-            wind = tuple(np.mean(winds, axis=0).tolist())
-            blowing = math.hypot(*wind) >= _CALM_MPS
             source = estimate_source(known, self._p.least_radius_m, (*wind, 0.0) if blowing else None)
             return msgspec.structs.replace(order, stage=Stage.FOUND, anchor_ned_m=source, source_ned_m=source)
         state = note.rule_state()
@@ -281,6 +283,9 @@ class Lattice:
             return True
         beat_ppm = best.excess_co2_ppm * (1.0 + self._p.improvement_fraction)
         return reading.excess_co2_ppm > beat_ppm + math.sqrt(reading.variance_ppm2 + best.variance_ppm2)
+
+
+_BY_WIND = (rule.ANEMOTAXIS, rule.FLUXOTAXIS)
 
 
 def _ended(order: Order | None) -> bool:

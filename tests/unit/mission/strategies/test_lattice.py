@@ -57,6 +57,7 @@ class Swarm:
         self.targets: dict[int, Vector3] = {}
         self.velocity: dict[int, Vector3] = dict.fromkeys(self.place, (0.0, 0.0, 0.0))
         self.time_s = 0.0
+        self.wind: Wind | None = Wind((-4.0, 0.0, 0.0), 0.1, 0.1)
         self.rng = np.random.default_rng(3)
 
     def _made(self):  # type: ignore[no-untyped-def]
@@ -72,9 +73,8 @@ class Swarm:
         self.targets.pop(drone, None)
 
     def own(self, drone: int) -> OwnState:
-        wind = Wind((-4.0, 0.0, 0.0), 0.1, 0.1)
         ppm = plume_ppm(*self.place[drone][:2])
-        return OwnState(drone, self.place[drone], self.velocity[drone], Scalar(ppm, 1.0, 0.1), wind, 0.9)
+        return OwnState(drone, self.place[drone], self.velocity[drone], Scalar(ppm, 1.0, 0.1), self.wind, 0.9)
 
     def decide(self, drone: int) -> Decision:
         root = min(self.slots, key=self.slots.__getitem__)
@@ -120,6 +120,13 @@ def test_a_lattice_declares_the_source_that_it_has_traced(strategy: str) -> None
     assert order.stage is Stage.FOUND
     assert order.source_ned_m is not None
     assert math.dist(order.source_ned_m[:2], SOURCE) < 16.0
+
+
+@pytest.mark.parametrize("strategy", ["lattice-anemotaxis", "lattice-fluxotaxis"])
+def test_who_goes_by_the_wind_declares_nothing_without_one(strategy: str) -> None:
+    swarm = Swarm(strategy, patience=16, search_limit_s=600.0)
+    swarm.wind = None
+    assert swarm.fly(700.0).stage is Stage.GIVE_UP
 
 
 def test_the_ring_stands_evenly_about_the_root_and_closes_when_one_is_lost() -> None:
