@@ -378,7 +378,8 @@ class Agent:
             return Hold()
         match phase.phase:
             case Phase.FORMING if target is not None:
-                return GoTo(over_the_top(position, self._places.at(target), -self._layer_above_home_m))
+                free = self._places.to_come_down_at(target, swarm.neighbours)
+                return GoTo(over_the_top(position, free, -self._layer_above_home_m))
             case Phase.RETURNING:
                 return self._homecoming.intent(position)
             case Phase.SEARCHING | Phase.TRACKING if place.slot >= 0:

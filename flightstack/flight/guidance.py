@@ -83,11 +83,11 @@ def whereabouts(other: Neighbour, seen_from_ned_m: Vector3) -> Vector3:
     )
 
 
-_BESIDE_M = sorted(
+PLACES_BESIDE_M = sorted(
     ((2.0 * i, 2.0 * j) for i in range(-12, 13) for j in range(-12, 13)),
     key=lambda beside: math.hypot(*beside),
 )
-"""A 2 m grid about home, the nearest place first."""
+"""Offsets (north, east) of a 2 m grid, the nearest place first."""
 
 
 HOVERS_MPS = 0.5
@@ -127,7 +127,7 @@ def landing_point(
     if column_free(home_ned_m, neighbours, room_m):
         return home_ned_m
     parked = [n.position_ned_m for n in neighbours if not n.airborne]
-    for north_m, east_m in _BESIDE_M:
+    for north_m, east_m in PLACES_BESIDE_M:
         point = (home_ned_m[0] + north_m, home_ned_m[1] + east_m, home_ned_m[2])
         if (
             all(horizontal_m(point, other) >= PARKED_M for other in parked)
