@@ -61,9 +61,9 @@ def test_a_new_root_declares_the_source_and_says_how_well_it_is_known(
     assert order.stage is Stage.FOUND
     assert order.source_ned_m is not None
     assert order.source_sd_m is not None
-    assert 1.0 <= order.source_sd_m <= 4.0
+    assert 5.0 <= order.source_sd_m <= math.hypot(4.0, 5.0)
     error_m = math.dist(order.source_ned_m[:2], flight.world.gas.source_ned_m[:2])
-    assert error_m <= 3.0 * order.source_sd_m
+    assert error_m <= 2.0 * order.source_sd_m
     told = [event.text for _, event in flight.events if event.code == "found"]
     assert told
     assert all(f"known to {order.source_sd_m:.1f} m (standard deviation)" in text for text in told)
